@@ -22,7 +22,7 @@ from contactlearn.inference.identification.scatter import fit_scatter
 from contactlearn.laws import find
 from contactlearn.models import checkpoint
 from contactlearn.models.export.source import source_code
-from contactlearn.report.terminal import next_commands
+from contactlearn.report.terminal import model_commands
 from contactlearn.scatter import find_component
 from contactlearn.simulation import synthetic
 from contactlearn.testing import EffectContract
@@ -198,7 +198,7 @@ def test_the_next_command_names_classes_of_other_packages_alone(tmp_path):
     """A covariate's class is this package's own, and is in the run; another package's must be typed."""
     ours = "+effect.warm._target_=contactlearn.effects.covariate_dependent_restitution.RestitutionLinearInCovariate"
     theirs = "+effect.cable._target_=my_module.CableDrag"
-    printed, _ = next_commands(
+    printed, _ = model_commands(
         f"contactlearn evaluate data=mydata {ours} +effect.warm.covariate=temperature {theirs}", tmp_path
     )
     assert printed == f"contactlearn train model={tmp_path} {theirs}"

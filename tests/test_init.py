@@ -298,7 +298,7 @@ def test_one_setting_that_is_left_and_a_source_that_is_not_there(drops):
     assert "written: takes holds recordings of tracked poses" in run("contactlearn", "init", "takes", cwd=".")
     told = run("contactlearn", "audit", "data=cube", cwd=".", status=2)
     assert (
-        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes it\n"
+        "unknown data 'cube': no file cube.yaml is in this folder; `contactlearn init FILE --name cube` writes it; "
         in told
     )
     assert "unknown data 'tabel', did you mean 'table'?" in run(

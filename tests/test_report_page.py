@@ -161,7 +161,7 @@ def test_evidence_has_standard_errors_and_no_keys(found):
     rows = Evidence(quantity="rows", value="3, 4")
     finding = Finding(name="consistent", sentence="s", evidence=(*evidence, *speed, rows), mistake=False)
     (entry,) = of_diagnosis(replace(found, findings=(finding,)), about(found.record.impacts))["findings"]
-    assert entry["name"] == "No mistake found"
+    assert entry["name"] == "No mistake of units or axes"
     assert entry["evidence"] == [
         ("a", "0.9775 ± 0.0069"), ("R²", "0.979"), ("error before", "0.2"), ("velocity", "0.0286 ± 0.0025 m/s"),
         ("rows", "3, 4"),

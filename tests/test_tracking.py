@@ -391,7 +391,7 @@ def test_the_ladder_is_a_chart(runs, monkeypatch):
     assert "missing from the Wang–Mason law" in dict(row[:2] for row in rows)["Verdict"]
     assert dict(row[:2] for row in rows)["Verdict"] == result.headline
     assert result.headline in html.unescape((runs[0] / "diagnose" / "report.html").read_text())
-    assert dict(row[:2] for row in rows)["Use it"] == f"contactlearn train model={folder / 'diagnose'}"
+    assert dict(row[:2] for row in rows)["Next"] == f"contactlearn train model={folder / 'diagnose'}"
     steps = [rung_label(rung, base_label(found)) for rung in found.ladder]
     assert [row[0] for row in rows[-len(steps) :]] == steps
     assert any(row[0].partition(":")[0] == found.effects[0] for row in rows)

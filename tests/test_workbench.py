@@ -445,7 +445,7 @@ def test_a_diagnosis_runs_in_the_background_and_its_model_is_taken_over(drops, m
     assert all(text in shown for level, name in names_by_level(result.diagnosis) for text in (level, name))
     for file in ("report.html", "diagnosis.json", "metrics.jsonl"):
         assert (tmp_path / "outputs" / listed.name / file).exists()
-    words = content.rig_words(models.split(session).impacts)
+    words = content.rig_words(content.rig_limits(models.split(session).impacts))
     assert re.fullmatch(r"rig\.x=\[.*\] rig\.theta=\[.*\] rig\.omega=\[.*\] rig\.height=\[.*\]", words)
     with contextlib.chdir(tmp_path):
         (text, link) = FileCallbacks(models, saved).plan(1, words, name)

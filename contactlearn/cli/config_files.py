@@ -263,7 +263,7 @@ def check_choices(words: list[str], command: str) -> None:
                 wanted = f"`contactlearn init FILE --name {name}` writes it"
                 wanted = wanted if DATA_NAME.fullmatch(name) else "NAME.yaml has the letters a to z, digits and _"
                 hint = f": no file {name}.yaml is in this folder; {wanted}"
-                raise UnknownNameError(group, name, () if absent else choices(group), hint if absent else "")
+                raise UnknownNameError(group, name, choices(group), hint if absent else "")
             if group == "experiment" and name not in ("null", *experiments(command)):
                 taken = ", ".join(experiments(command))
                 raise ContactLearnError(f"experiment={name} has settings that {command}.py lacks; it takes {taken}")

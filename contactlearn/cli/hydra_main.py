@@ -12,6 +12,8 @@ import sys
 import warnings
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import distribution
+from pathlib import Path
 from string import Template
 from textwrap import fill
 from types import ModuleType
@@ -262,7 +264,22 @@ def _help(config_name: str, overrides: list[str]) -> str:
         for name in names:
             line = f"  {name}: {told[name]}" if name in told else f"  {name}"
             parts.append(fill(line, _WIDTH - 1, subsequent_indent=" " * 6))
-    return Template(cfg.hydra.help.template).substitute(APP_CONFIG_GROUPS="\n".join(parts))
+    return Template(cfg.hydra.help.template).substitute(
+        APP_CONFIG_GROUPS="\n".join(parts), CONFIGS=_near(Path(CONFIGS)), DOCS=_documentation()
+    )
+
+
+def _near(folder: Path) -> str:
+    """A folder from the working directory if it is below it."""
+    return str(folder.relative_to(Path.cwd()) if folder.is_relative_to(Path.cwd()) else folder)
+
+
+def _documentation() -> str:
+    """Where the documentation is: in a checkout, else at the address that the package states."""
+    if (folder := Path(CONFIGS).parent / "docs").is_dir():
+        return _near(folder)
+    urls = distribution("contactlearn").metadata.get_all("Project-URL") or []
+    return next((one.partition(", ")[2] for one in urls if one.startswith("Documentation")), "the documentation")
 
 
 train, evaluate, diagnose = map(_command, ("train", "evaluate", "diagnose"))

@@ -278,6 +278,7 @@ def run_audit(options: argparse.Namespace) -> tuple[str, int]:
     closing = [one for one in findings if one.name in CLOSING and not one.mistake]
     for finding in (*(one for one in findings if one not in closing), *closing):
         lines.append(f"{'wrong' if finding.mistake else 'note'}: {sentence(finding.sentence)}")
+        lines += [f"evidence: {sentence(finding.grounds)}"] if finding.grounds else []
     setting = correct_setting(source.corrections, findings)
     lines += [f"to correct it: {setting} on any command"] if setting else []
     if not findings.mistakes:

@@ -415,7 +415,10 @@ def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> 
         yield Setting(name="inertia", value=None, comment="of every body, kg m²; null: of uniform density")
     for column, name in names.items():
         if name != column:
-            yield Setting(name=f"columns.{column}", value=name, comment=units.text(column) or "a name")
+            open_ = [f"units.{one}" for one in powers_of(column) if _unit(one, names, known)[0] == OPEN]
+            unit, silent = units.text(column), not known.units.get(column)
+            about = f"by {' and '.join(open_)}" if silent and open_ else f"{unit}, assumed" if silent and unit else unit
+            yield Setting(name=f"columns.{column}", value=name, comment=about or "a name")
     for end, name in angles.items():
         if (speed := known.names[f"speed{end}"]) != f"speed{end}":
             yield Setting(name=f"columns.speed{end}", value=speed, comment=units.text(f"speed{end}"))
@@ -474,7 +477,9 @@ def _unit(quantity: str, names: Mapping[str, str], known: Recognised) -> tuple[s
     source = " and ".join(f"{unit} as in {named[0]!r}" for unit, named in stated.items())
     telling = [unit for unit in stated if unit not in (SI[quantity], *COMPOUND)]
     if telling and silent:
-        return OPEN, f"{source}; {', '.join(map(repr, silent))} state none"
+        spins = quantity == "angle" and any("time" in powers_of(column) for column in names)
+        of = f"of {', '.join(map(repr, silent))}, which state none{' (rad means rad/s of a spin)' if spins else ''}"
+        return OPEN, f"{of}; {source}, which keeps it"
     if not telling and stated and not silent and SI[quantity] not in stated:
         return None, f"null: as each column states it; {source}"
     if quantity == "angle" and not stated and not silent:

@@ -1,4 +1,4 @@
-"""The objects of a table rub differently."""
+"""Bodies in the table have different friction."""
 
 from contactlearn.effects.base import ChangesFriction, Effect
 from contactlearn.effects.functions import ByBody

@@ -1,4 +1,4 @@
-"""The objects of a table rebound differently."""
+"""Bodies in the table have different restitution."""
 
 from contactlearn.effects.base import ChangesRestitution, Effect
 from contactlearn.effects.functions import ByBody

@@ -1,4 +1,4 @@
-"""Harder impacts rub differently."""
+"""Friction depends on how hard the impact is."""
 
 from jaxtyping import Float
 from torch import Tensor

@@ -25,6 +25,7 @@ from contactlearn.report.text.sentences import (
     phrase,
     phrases,
     searched_name,
+    set_up,
     undecided,
 )
 
@@ -119,7 +120,10 @@ def event_lines(event: Event) -> list[str]:
 
 def _finding_line(kind: str, finding: Finding) -> str:
     """Describe a finding, and its correction if it is corrected."""
-    return f"{kind}: {sentence(finding.sentence)} {phrase('correction_note', finding)}".rstrip()
+    grounds = sentence(finding.grounds) if finding.grounds else ""
+    return (
+        f"{kind}: {' '.join(filter(None, (sentence(finding.sentence), grounds, phrase('correction_note', finding))))}"
+    )
 
 
 def show_verdict(diagnosis: Diagnosis, *, verbose: bool = False) -> None:
@@ -144,16 +148,18 @@ def _verdict_lines(diagnosis: Diagnosis) -> list[str]:
         lines.append(f"error: {phrase('size', diagnosis)}")
     if diagnosis.coefficients:
         lines.append(f"law: {phrase('coefficients', diagnosis)}")
-    if diagnosis.corrections:
-        rig = ["rig"] if any(finding.name == "rig_applied" for finding in diagnosis.findings) else []
-        lines.append(f"audit: {phrase('corrected', [*rig, *diagnosis.corrections])}")
-    said = (one for one in diagnosis.findings if one.correction or one.mistake)
-    lines += [f"audit: {sentence(one.sentence)}" for one in said]
+    if measured := set_up(diagnosis):
+        lines.append(f"set-up: {measured}")
     lines += [f"{effect.level}: {phrase('named', effect)}" for effect in diagnosis.missing]
     if candidates := listed_candidates(diagnosis):
         lines.append(f"candidates: {phrase('candidates', candidates)}")
     if equal := undecided(diagnosis):
         lines.append(f"cannot distinguish: {'; '.join(equal)}")
+    said = (one for one in diagnosis.findings if one.correction or one.mistake)
+    lines += [f"audit: {sentence(one.sentence)}" for one in said]
+    if diagnosis.corrections:
+        rig = ["rig"] if any(finding.name == "rig_applied" for finding in diagnosis.findings) else []
+        lines.append(f"audit: {phrase('corrected', [*rig, *diagnosis.corrections])}")
     if diagnosis.experiment is not None:
         lines.append(f"next experiment: {phrase('next_experiment', diagnosis.experiment)}")
     if diagnosis.sample is not None:

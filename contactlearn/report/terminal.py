@@ -20,6 +20,7 @@ from contactlearn.core.errors import ContactLearnError, terminal_safe
 from contactlearn.core.numerics import READABLE_UNITS, measured
 from contactlearn.data.audit.corrections import CORRECTIONS
 from contactlearn.data.audit.result import Finding
+from contactlearn.diagnosis.result import Verdict
 from contactlearn.inference.evaluation.metrics import METRICS, bounded_metrics
 from contactlearn.report.text.names import join_words, law_label, model_label, model_labels, sentence
 from contactlearn.report.text.numbers import NO_INTERVAL
@@ -27,6 +28,7 @@ from contactlearn.report.text.sentences import correct_setting, phrase
 from contactlearn.results.runs import absolute, as_table, common_metric, distinguishing, read_runs
 from contactlearn.results.types import (
     BodyTransfer,
+    DiagnosisRun,
     Evaluation,
     JointEstimate,
     LawEstimate,
@@ -49,9 +51,11 @@ _COMPUTED = {
     "m r² of a disc",
     "slip": "no velocity along the floor: bounces along the normal show restitution alone",
     "height": "the height from the contact point",
-    "place": "places along the floor are 0, so that no dependence on them is seen",
+    "place": "positions along the floor are set to 0: no dependence on them can be seen",
 }
 _NARROWEST = 80  # columns of a terminal that tables are made for
+_LONGER, _LONGER_TIMES = 300, 5  # s for the search again after one cut short, or so many times what it had
+_CONTINUED = ", continued"
 _MAX_RUNS = 20  # runs in the table of a sweep
 _MAX_SETTINGS = 5  # settings in it
 
@@ -97,7 +101,7 @@ def show_models(result: Training | Evaluation) -> None:
         shares = entry.outside_admissible, entry.back_spin, *([reach[model]] if model in reach else [])
         rows.append((labels[model], mu, eps, *(f"{100 * share:.1f} %" for share in shares)))
     units = [f"{metric.name} {metric.unit}".strip(" –") for metric in shown.values()]
-    print_table("Errors on the held-out trials: means, and the 95 % interval of the first", ("model", *units), errors)
+    print_table("Mean error on the held-out trials (95 % interval)", ("model", *units), errors)
     print_line(phrase("bounds", result.norm))
     headings = ("model", "μ", "ε", "impossible", "back-spin", *["reach"] * bool(reach))
     print_table("Coefficients of the laws, and shares of the predictions", headings, rows)
@@ -264,7 +268,23 @@ def relative(path: Path) -> Path:
     return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
 
 
-def next_commands(use: str, folder: Path) -> tuple[str, str]:
+def next_commands(result: DiagnosisRun, folder: Path) -> tuple[str, ...]:
+    """Return the commands that go on from a diagnosis: a search that ran out of time again, else with its model.
+
+    Args:
+        result: of the run.
+        folder: of the run.
+    """
+    diagnosis, provenance = result.diagnosis, result.provenance
+    coming = model_commands(result.use, folder) if diagnosis.missing else ()
+    if diagnosis.physics is not Verdict.UNFINISHED or not provenance.command:
+        return coming
+    words = [word for word in shlex.split(provenance.command) if not word.startswith("seconds=")]
+    longer = max(_LONGER, _LONGER_TIMES * float(provenance.config.get("seconds") or 0.0))
+    return (shlex.join([*words, f"seconds={longer:.0f}"]), *coming[:1])
+
+
+def model_commands(use: str, folder: Path) -> tuple[str, str]:
     """Return the commands that train, and that export, the model of a diagnosis from the folder of its run.
 
     Args:
@@ -351,8 +371,8 @@ def print_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str
     rows = [(*row, *[""] * (len(headings) - len(row))) for row in rows]
     wide = Console(width=max(console.width, _NARROWEST), markup=False, emoji=False, record=True)
 
-    def table(columns: Sequence[int], title: str) -> Table:
-        made = Table(title=Text(title), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    def table(columns: Sequence[int]) -> Table:
+        made = Table(box=SIMPLE_HEAD, pad_edge=False)
         made.add_column(Text(headings[0]), max_width=wide.width // 2)
         for column in columns:
             made.add_column(Text(headings[column]), justify="right", no_wrap=True)
@@ -362,10 +382,11 @@ def print_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str
         return made
 
     unlimited = wide.options.update(max_width=1000)
-    width = lambda columns: Measurement.get(wide, unlimited, table(columns, "")).maximum  # noqa: E731
+    width = lambda columns: Measurement.get(wide, unlimited, table(columns)).maximum  # noqa: E731
     columns = [*range(1, len(headings))]
     while columns:
         count = max((k for k in range(1, len(columns) + 1) if width(columns[:k]) <= wide.width), default=1)
-        wide.print(table(columns[:count], title))
-        columns, title = columns[count:], ""
+        wide.print(Text(title))  # which, as a table's title, would be folded at its width
+        wide.print(table(columns[:count]))
+        columns, title = columns[count:], title if title.endswith(_CONTINUED) else f"{title}{_CONTINUED}"
     _log.info("\n%s", wide.export_text().rstrip())

@@ -13,10 +13,10 @@ from contactlearn.report.text.numbers import brief_interval
 Child = Component | str
 
 
-def action_button(action: str, text: str, of: str = "", label: str = "") -> Component:
+def action_button(action: str, text: str, of: str = "", label: str = "", identity: str = "") -> Component:
     """Return a button that changes the session: its action, and the object of the action."""
     named: dict[str, Any] = {"data-action": action, "data-of": of} | ({"aria-label": label} if label else {})
-    return html.Button(text, type="button", **named)
+    return html.Button(text, type="button", **named, **({"id": identity} if identity else {}))
 
 
 def button(identity: str, text: str, hidden: bool = False) -> Component:

@@ -50,6 +50,11 @@ _OPTIONS = {
     "span": "From x, to x (m)",
 }
 
+_OF_A_RIG = {
+    HEIGHT: "m", "x": "m", "y": "m", "theta": "rad", "omega": "rad/s", "w_x": "rad/s", "w_y": "rad/s", "w_z": "rad/s"
+}  # fmt: skip
+"""Units of what a rig sets, by name."""
+
 # --- Header and bar ----------------------------------------------------------------------------
 
 
@@ -60,7 +65,7 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
     """
     wrong = [one for one in found if one.mistake or one.correction or one.name == "rig_applied"]
     names = [one.correction for one in wrong if one.correction]
-    shown: list[Component] = [html.Ul([html.Li(sentence(one.sentence)) for one in wrong])] if wrong else []
+    shown: list[Component] = [html.Ul([html.Li(_said(one)) for one in wrong])] if wrong else []
     shown += [rig_card(one.rig) for one in found if one.rig]
     if names:
         correct = action_button("correct", "Correct it", of=",".join(names))
@@ -72,6 +77,11 @@ def mistakes(found: Sequence[Finding], session: Session, loaded: bool = True) ->
         back = action_button("uncorrect", "As measured", label="Take the corrections back")
         shown.append(html.P([f"Corrected: {', '.join(session.corrections)}. ", back]))
     return shown
+
+
+def _said(finding: Finding) -> str:
+    """A finding in words, with what shows it."""
+    return " ".join(map(sentence, filter(None, (finding.sentence, finding.grounds))))
 
 
 def rig_card(rows: Sequence[Row]) -> Component:
@@ -90,14 +100,33 @@ def rig_card(rows: Sequence[Row]) -> Component:
     return html.Table([html.Thead(head), html.Tbody(body)])
 
 
-def rig_words(impacts: Impacts) -> str:
-    """Write what a rig sets, as on a command line, within the middle nine tenths of the measured values."""
-    words = list[str]()
+def rig_limits(impacts: Impacts) -> dict[str, tuple[float, float]]:
+    """Return what a rig sets, within the middle nine tenths of the measured values, to three digits."""
+    found = dict[str, tuple[float, float]]()
     for name, values in settings_of(impacts).items():
         low, high = values.quantile(values.new_tensor([0.05, 0.95])).tolist()
-        if name in (HEIGHT, "x", "y", "theta", "omega", "w_x", "w_y", "w_z") and high > low:
-            words.append(f"rig.{name}=[{low:.3g},{high:.3g}]")
-    return " ".join(words)
+        if name in _OF_A_RIG and high > low:
+            found[name] = float(f"{low:.3g}"), float(f"{high:.3g}")
+    return found
+
+
+def rig_words(limits: Mapping[str, tuple[float, float]]) -> str:
+    """Write what a rig sets, as on a command line."""
+    return " ".join(f"rig.{name}=[{low:g},{high:g}]" for name, (low, high) in limits.items())
+
+
+def rig_fields(limits: Mapping[str, tuple[float, float]]) -> Component:
+    """Return a lowest and a highest value to set for each quantity that a rig sets."""
+    head = html.Tr([html.Th(text, scope="col") for text in ("The rig sets", "from", "to")])
+    rows = list[Component]()
+    for name, ends in limits.items():
+        text = f"{label(name)} ({_OF_A_RIG[name]})"
+        cells: list[Component] = [html.Th(text, scope="row")]
+        for end, value in zip(("low", "high"), ends, strict=True):
+            field = dcc.Input(id={"limit": end, "of": name}, type="number", value=value, step="any")
+            cells.append(html.Td(html.Label([html.Span(f"{text}, {end}", className="skip"), field])))
+        rows.append(html.Tr(cells))
+    return html.Table([html.Thead(head), html.Tbody(rows)])
 
 
 def model_title(session: Session) -> str:
@@ -114,7 +143,7 @@ def error_summary(
     change = manual.error.mean / law_alone.error.mean - 1 if law_alone.error.mean else 0.0
     rest = ""
     if fitted is not law_alone or session.manual:
-        rest = f", {'−' if change < 0 else '+'}{abs(100 * change):.0f}\u00a0% against the law alone"
+        rest = f", {'−' if change < 0 else '+'}{abs(100 * change):.0f}\u00a0%"
     if session.manual:
         rest += f"; set by hand, fitted {brief_interval(fitted.error)}"
     return "Held-out error ", brief_interval(manual.error), rest

@@ -75,7 +75,10 @@ def page_layout(largest: int) -> Component:
         dcc.Interval(id="study-clock", interval=700, disabled=True),
     ]
     panes = html.Main([_missing(), _compare(), _fails(), _model(), _plan(), _keep()], id="main", tabIndex="-1")
-    buttons = (action_button(*pair) for pair in (("undo", "Undo"), ("redo", "Redo"), ("alone", "Law alone")))
+    buttons = (
+        action_button(action, text, identity=action)
+        for action, text in (("undo", "Undo"), ("redo", "Redo"), ("alone", "Law alone"))
+    )
     estimated = note("The noise floor is being estimated …")
     bar: list[Component] = [
         html.Span("…", id="summary", role="status"),
@@ -136,7 +139,7 @@ def _compare() -> Component:
 
 def _fails() -> Component:
     named: dict[str, Any] = {"aria-label": "Select trials by numbers"}
-    steps = (("worst", "Worst"), ("worse", "Next worse"), ("previous", "Previous"), ("next", "Next"))
+    steps = (("worst", "Worst"), ("worse", "Next worst"), ("previous", "Previous"), ("next", "Next"))
     figures = [
         figure("picture", "The body at contact: velocities as arrows, spins as arcs, before, after as measured and as "
                "predicted"),
@@ -152,8 +155,8 @@ def _fails() -> Component:
             _choice("Errors of", "errors-of", (("ticked", "the model"), ("alone", "the law alone"))),
             action_button("unselect", "Clear selection"),
         ),
-        figure("map", "Error of each trial; draw a box to select trials, or write its ends below; click one trial to "
-               "see it. The colours keep the scale of the law alone"),
+        figure("map", "Error of each trial; draw a box to select trials, or enter its limits below; click one trial "
+               "to see it. The colours keep the scale of the law alone"),
         html.Div(id="box", className="controls", role="group", **named),
         html.P(id="window-status", role="status"),
         html.Div(id="regions"),
@@ -179,6 +182,7 @@ def _missing() -> Component:
         note("Tick an effect: law and effects are fitted again together. Next to each effect stands its predicted "
              "held-out error, estimated from the present model."),
         dcc.Checklist(id={"set": "ticks", "of": ""}, options=names, value=[], className="rows effects"),
+        html.Details(html.Summary("Effects without a predicted gain"), id="without-gain"),
         controls(button("diagnosis-search", search), *run_controls("diagnosis", search)),
         html.Pre(id="diagnosis-lines", hidden=True),
         html.Div(id="found"),
@@ -203,9 +207,11 @@ def _plan() -> Component:
     return _section(
         "plan",
         "Plan the next drops",
-        note("What your rig can set, as on a command line: at first the ranges of these data, in m, rad and rad/s. "
-             "The plan is for what the last search of this page left open."),
-        html.P([rig, button("plan-drops", "Plan 20 drops")], className="controls line"),
+        note("What your rig can set, at first the ranges of these data. The plan is for what the last search of this "
+             "page left open."),
+        html.Div(id="rig-fields", className="wide"),
+        html.Details([html.Summary("As a command"), html.P(rig, className="line")]),
+        controls(button("plan-drops", "Plan 20 drops")),
         dcc.Loading(html.Div(id="planned"), type="dot"),
     )  # fmt: skip
 
@@ -215,8 +221,8 @@ def _keep() -> Component:
         "keep",
         "Keep it",
         controls(
-            button("export", "Export the model"),
             dcc.RadioItems(id="export-to", options=[*TARGETS], value="c", inline=True, className="forms"),
+            button("export", "Export the model"),
         ),
         controls(
             button("diagnosis-save", "Save run"),

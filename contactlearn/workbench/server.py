@@ -4,6 +4,7 @@ import contextlib
 import logging
 import secrets
 import socket
+import sys
 import webbrowser
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -139,6 +140,7 @@ def serve(words: Sequence[str], host: str, port: int | None, browser: bool) -> N
     torch.set_num_threads(1)
     threadpool_limits(1)
     session, models = session_of(words), Models()
+    print("fitting the laws …", file=sys.stderr, flush=True)
     models.fitted(session)  # the first fit of a process is slow, and data that cannot be read are an error here
     if not any(word.lstrip("+").startswith(("law", "effect")) for word in words):
         session = replace(session, law=models.best_law(session).law.name)

@@ -160,6 +160,14 @@ def _select_box(session: Session, _: str, windows: list[dict[str, Any]]) -> Sess
     return replace(session, windows=tuple({one.variable: one for one in found}.values()))
 
 
+def _rig_words(values: list[float | None], names: list[dict[str, str]]) -> Any:
+    """Write the limits in the fields as words; a quantity with an empty field is left out."""
+    ends = dict[str, list[float]]()
+    for value, name in zip(values, names, strict=True):
+        ends.setdefault(name["of"], []).extend([] if value is None else [value])
+    return content.rig_words({name: (pair[0], pair[1]) for name, pair in ends.items() if len(pair) == 2})
+
+
 class SessionCallbacks:
     """The callbacks that change and show a session."""
 
@@ -202,12 +210,23 @@ class SessionCallbacks:
             app.callback(outputs, inputs, prevent_initial_call=True)(function)
         app.callback(
             Output("findings", "children"), Output("mistakes", "children"), Output("rig", "value"),
+            Output("rig-fields", "children"),
             Input("data-drawn", "children"), State("address", "search"),
         )(self.findings)  # fmt: skip
+        limit = {"limit": ALL, "of": ALL}
+        app.callback(
+            Output("rig", "value", allow_duplicate=True), Input(limit, "value"), State(limit, "id"),
+            prevent_initial_call=True,
+        )(_rig_words)  # fmt: skip
         app.callback(
             Output("completions", "children"), Output("line-status", "children"),
             Input("line", "value"), State("address", "search"),
         )(self.complete)  # fmt: skip
+        app.clientside_callback(
+            ClientsideFunction("workbench", "steps"),
+            Output("undo", "disabled"), Output("redo", "disabled"), Output("alone", "disabled"),
+            Input("history", "data"), Input("address", "search"),
+        )  # fmt: skip
         scripts = [("slider", Input({"set": "slider", "of": ALL}, "value"))]
         scripts += [("drag", Input({"set": "slider", "of": ALL}, "drag_value")), ("done", Input("done", "data"))]
         scripts += [(name, Input(f"{name}-sent", "data")) for name in ("data", "model", "trial", "windows")]
@@ -343,15 +362,17 @@ class SessionCallbacks:
                 return no_update
             return make(Session.read(address))
 
-    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any, Any]:
+    def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any, Any, Any]:
         """Show the findings of the audit, the corrections of the data, and their ranges as limits of a rig."""
         if not drawn:
-            return no_update, no_update, no_update
+            return (no_update,) * 4
         session = Session.read(address or "")
         impacts = self.models.split(session).impacts
         found = audit(impacts) if impacts.space is PLANE else ()
         notes = [html.Li(sentence(one.sentence)) for one in found if not one.mistake]
-        return [html.Ul(notes)] if notes else [], content.mistakes(found, session), content.rig_words(impacts)
+        limits = content.rig_limits(impacts)
+        shown = [html.Ul(notes)] if notes else [], content.mistakes(found, session)
+        return *shown, content.rig_words(limits), content.rig_fields(limits)
 
     def complete(self, line: str | None, address: str | None) -> tuple[Any, str]:
         """Show completions of a line, and its equation or its error."""

@@ -42,11 +42,7 @@ def diagnose(settings: DiagnoseSettings, run: Run) -> None:
     record.save_recordings_page(run.folder, loaded.tracked)
     impacts = loaded.impacts
     terminal.print_line(f"{impacts.source}: {len(impacts)} impacts")
-    charts = {
-        "Ladder of a diagnosis": {
-            "Held-out error by step (0 the law, 1 the first effect, …: see Text), and of noise alone": [_LADDER, _FLOOR]
-        }
-    }
+    charts = {"Ladder of a diagnosis": {"Ladder: error after each effect": [_LADDER, _FLOOR]}}
     with record.tracker_of(run, len(impacts), _METRIC, charts=charts) as tracker:
         coming = _diagnose(settings, run, impacts, tracker)
     run.remove_partial_results()
@@ -84,7 +80,7 @@ def _diagnose(settings: DiagnoseSettings, run: Run, impacts: Impacts, tracker: T
     if diagnosis.record is not None:
         diagnosis.record.save(run.folder, asdict(provenance))
     write_result(run.folder, result)
-    coming = terminal.next_commands(command, run.folder) if diagnosis.missing else ()
+    coming = terminal.next_commands(result, run.folder)
     show_verdict(diagnosis, verbose=settings.verbose)
     shown = (
         lambda: record.write_record(tracker, run, provenance, _record(settings, result, drawn(diagnosis), coming)),
@@ -129,7 +125,7 @@ def _record(
         effects=list(dict.fromkeys((*settings.effects, *diagnosis.effects))),
         equations=[diagnosis.equation] if diagnosis.equation else [],
         errors={rung_label(rung, base_label(diagnosis)): rung.error for rung in diagnosis.ladder},
-        verdict={name: "; ".join(texts) for name, texts in card.items()} | ({"Use it": coming[0]} if coming else {}),
+        verdict={name: "; ".join(texts) for name, texts in card.items()} | ({"Next": coming[0]} if coming else {}),
     )
 
 

@@ -1,5 +1,6 @@
 """Compare laws and learned models with the bounds on held-out trials, and compute their learning curves."""
 
+import math
 import shlex
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -8,6 +9,7 @@ from dataclasses import replace
 import torch
 from matplotlib.figure import Figure
 
+from contactlearn import laws as catalogue
 from contactlearn.cli.commands import curves, fitting, loading, record
 from contactlearn.cli.commands.fitting import Comparison
 from contactlearn.cli.commands.loading import Split
@@ -38,11 +40,13 @@ from contactlearn.report.figures.style import BOUNDS
 from contactlearn.report.page.evaluation import of_evaluation
 from contactlearn.report.page.page import write
 from contactlearn.report.tensorboard import Tracker
-from contactlearn.report.text.names import model_labels
-from contactlearn.report.text.sentences import best_learned, phrase
+from contactlearn.report.text.names import join_words, law_label
+from contactlearn.report.text.sentences import best_learned, evaluation_headline, learned_leads, phrase
 from contactlearn.results import estimates, folder
 from contactlearn.results.tables import HeldOut, save_curves, save_held_out, save_trial_parameters
 from contactlearn.results.types import BEST_POST_HOC, IRB, Evaluation
+
+_SIZES = 8  # numbers of trials in the figure of convergence, each about twice the last: every k takes 15 times as long
 
 
 def evaluate(settings: EvaluateSettings, run: Run) -> None:
@@ -59,9 +63,8 @@ def evaluate(settings: EvaluateSettings, run: Run) -> None:
     metric = metrics.headline_metric(settings.bounds.norm)
     with record.tracker_of(run, size, metric, curves=settings.recipes) as tracker:
         result = _evaluate(settings, run, data, row, tracker)
-    labels = model_labels(result)
-    learnt = phrase("evaluation_headline", labels, result.best, result.differences), best_learned(result)
-    terminal.show_end(run.folder, " ".join(filter(None, learnt)))
+    learned = "" if learned_leads(result) else best_learned(result)  # which the headline says
+    terminal.show_end(run.folder, f"{evaluation_headline(result)} {learned}".strip())
     if run.data_words:
         terminal.show_next(shlex.join(["contactlearn", "diagnose", *run.data_words]))
 
@@ -77,6 +80,12 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
     save_trial_parameters(data.impacts, list(compared.trials.values()), path)
     folder.write_result(run.folder, result)
     terminal.show_models(result)
+    if others := [
+        name
+        for name in catalogue.names()
+        if name not in result.errors and data.test.space in catalogue.find(name).spaces
+    ]:
+        terminal.print_line(f"not compared: {join_words(map(law_label, others))} (laws=[…])")
     for name, model in result.trained.items():
         terminal.print_line(phrase("judged_model", name, model))
     if result.joint:
@@ -110,6 +119,7 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
         shown = (name for name in studied if name in learned or name in settled)
         terminal.show_curves({name: entries[name] for name in shown}, result.metric, settled)
         run.remove_partial_results()
+    write(run.folder, of_evaluation(result, held_out))  # before the figures: a run that is stopped there has its page
     with progress(run.folder, tracker) as on_event:
         drawn = _laws_drawn(settings, data, compared, _best_law(compared, result), on_event)
     drawn |= _errors_drawn(settings, data, compared, held_out, result, row)
@@ -118,7 +128,6 @@ def _evaluate(settings: EvaluateSettings, run: Run, data: Split, row: int | None
     if learned:
         drawn |= _curves_drawn(result, learned, data.test, held_out.bounds[IRB])
     record.write_figures(tracker, run, drawn)
-    write(run.folder, of_evaluation(result, held_out))
     return result
 
 
@@ -239,7 +248,7 @@ def _laws_drawn(
 ) -> dict[str, Figure]:
     """Convergence and cost surface of a law, per-trial parameters, and the curves of the effects, by file name."""
     most, shown, how = min(data.train_size, FITTED), settings.figures, settings.train
-    sizes = torch.linspace(1, most, min(most, 120)).round().int().tolist()  # every k to 120, as many of a larger range
+    sizes = torch.logspace(0, math.log10(most), _SIZES).round().int().unique().tolist()
     pool, law = moved(data.pool, settings.device), shown.surface or settings.laws[best]
     convergence = fitting.identify_law(
         law, pool, how, data.generator, on_event, sizes=sizes, repetitions=shown.repetitions

@@ -18,7 +18,7 @@ from contactlearn.mechanics.impacts import Impacts, Prediction
 from contactlearn.models.contact_model import ContactModel
 from contactlearn.report.figures import quality
 from contactlearn.report.figures.effects import effect_curve
-from contactlearn.report.figures.style import save
+from contactlearn.report.figures.style import card_png, save
 from contactlearn.report.page.page import RECORDINGS
 from contactlearn.report.page.recordings import shown_recordings, write_recordings_page
 from contactlearn.report.tensorboard import CURVES, NO_CHARTS, TRAINING, Charts, Tracker, ends, shown_as
@@ -128,10 +128,10 @@ def write_record(tracker: Tracker, run: Run, provenance: Provenance, record: Run
 
 
 def write_figures(tracker: Tracker, run: Run, drawn: Mapping[str, Figure]) -> None:
-    """Save figures by file name as PNG and PDF in the run folder, and log them."""
+    """Save figures by file name as PNG and PDF in the run folder, and log them with larger letters."""
     for name, figure in drawn.items():
-        png, _ = save(figure, run.folder / "figures", name)
-        tracker.figure(f"figures/{name}", png.read_bytes())
+        save(figure, run.folder / "figures", name)
+        tracker.figure(f"figures/{name}", card_png(figure))
 
 
 def draw_effects(model: ContactModel, test: Impacts) -> dict[str, Figure]:

@@ -48,9 +48,16 @@ def inertia_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Find
     if any(abs(x * factor - 1) > _INERTIA_AGREEMENT for x in precise):
         return []
     description = CORRECTIONS["inertia_scaled"].description
-    sentence = f"{description}, {inertia_text(factor)}: as read, the balance {_must(impacts)} gives {fit}"
     evidence = evidence_of(("factor", factor), *fit.coefficients("before").items())
-    return [Finding(name="inertia_scaled", sentence=sentence, evidence=evidence, correction="inertia_scaled")]
+    return [
+        Finding(
+            name="inertia_scaled",
+            sentence=f"{description}, {inertia_text(factor)}",
+            grounds=f"as read, {_must(impacts)} gives {fit}",
+            evidence=evidence,
+            correction="inertia_scaled",
+        )
+    ]
 
 
 def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *, explained: bool) -> Finding:
@@ -97,7 +104,7 @@ def balance_finding(impacts: Impacts, tried: int, thresholds: AuditThresholds, *
 
 
 def _must(impacts: Impacts) -> str:
-    return f"{BALANCE[impacts.space.name]}, which must give +1 and +1,"
+    return f"{BALANCE[impacts.space.name]}, which should give a = b = 1,"
 
 
 def _rigid(impacts: Impacts) -> str:
@@ -120,10 +127,13 @@ def _proposal(impacts: Impacts, thresholds: AuditThresholds) -> str:
             f"; the data are consistent with an inertia of {number(2 * ratio)} times that of a uniform disc{likely} "
             "(data.correct=[inertia_scaled] takes it)"
         )
+    change = " and ".join(map(str, differing))
+    if alone:
+        change = f"an inertia of {differing[0].measured} times the stated one (data.correct=[inertia_scaled])"
+    removed, physical = (max(1 - left / fit.given, 0.0) for left in (fit.remaining, fit.physical))
     return (
-        f"; it closes with {' and '.join(map(str, differing))}, which leaves {fit.remaining / fit.given:.0%} of the "
-        f"residual{' (data.correct=[inertia_scaled] takes it)' if alone else ''}, and a single moment at the contact "
-        f"or a loss after it leaves {fit.physical / fit.given:.0%}: a diagnosis weighs them, recordings decide"
+        f"; {change} would remove {removed:.0%} of the residual, a single moment at the contact or a loss after it "
+        f"{physical:.0%}: contactlearn diagnose weighs them, and recordings would decide"
     )
 
 
@@ -154,8 +164,8 @@ def _consistent_note(impacts: Impacts, fit: Balance) -> Finding:
     elif any(round(low, 2) > 1 or round(high, 2) < 1 for _, low, high in fit.terms.values()):
         most = max(abs(x - 1) for x, _, _ in fit.terms.values())
         closes = (
-            f"deviates by {most:.0%}, no more than noise of the velocities, a tilted floor, a wrong inertia or a force "
-            "after contact can cause"
+            f"deviates by {most:.0%}, no more than noise of the velocities, a delay of the pose, a tilted floor, a "
+            "wrong inertia or a force after contact can cause"
         )
     elif torque(impacts).imbalance.max() < _EXACT:
         closes = (

@@ -63,9 +63,9 @@ def constant_notes(impacts: Impacts) -> list[Finding]:
         return []
     named = ", ".join(f"{name} = {number(value, 3)}{f' {unit}' if value else ''}" for name, value, unit, _ in constant)
     hidden = [*dict.fromkeys(shown for *_, shown in constant if shown)]
-    sentence = f"the same in all {len(impacts)} trials: {named}"
+    sentence = f"{named} in all {len(impacts)} trials"
     if hidden:
-        sentence += f"; these data cannot show whether anything depends on {' or '.join(hidden)}"
+        sentence += f", so these data cannot show whether anything depends on {' or '.join(hidden)}"
     evidence = evidence_of(*((name, value, unit) for name, value, unit, _ in constant))
     return [Finding(name="constant_columns", sentence=sentence, evidence=evidence, mistake=False)]
 

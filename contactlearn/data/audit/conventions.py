@@ -508,17 +508,20 @@ def _applied(given: Hypothesis, names: tuple[str, ...]) -> Hypothesis | None:
 
 
 def convention_findings(comparison: ConventionComparison) -> list[Finding]:
-    """A finding for each correction of the best hypothesis; the evidence is that of all of them together."""
+    """A finding for each correction of the best hypothesis; the evidence is that of all of them together.
+
+    The last one has it in words, and the hypotheses that are as good.
+    """
     given, best = comparison.given, comparison.best
     if not best.names:
         return []
     evidence, numbers = _comparison_evidence(comparison)
     alternatives = tuple(equal.names for equal in comparison.equals)
-    if alternatives:
-        numbers += f"; these data cannot distinguish it from {'; '.join(map(hypothesis_text, alternatives))}"
+    others = " or ".join(f"data.correct=[{','.join(names)}]" for names in alternatives)
+    which = "these" if len(best.names) > 1 else "this"
+    equal = f"; these data cannot distinguish {which} from {others}" if others else ""
     findings = []
     for place, name in enumerate(best.names):
-        others = ", ".join(other for other in best.names if other != name)
         factor = None
         if name == "inertia_scaled":
             factor = (best.impacts.inertia.mean() / given.impacts.inertia.mean()).item()
@@ -527,9 +530,11 @@ def convention_findings(comparison: ConventionComparison) -> list[Finding]:
             text = incline_text(correct(given.impacts, best.names[:place]))
         if name in (said := {"velocity_of_point": point_text, "turned_spin": turn_text}):
             text += f"; {said[name](correct(given.impacts, best.names[:place]))}"
+        last = place == len(best.names) - 1
         finding = Finding(
             name=name,
-            sentence=f"{text}, together with {others}" if place else f"{text}{others and f', and {others}'}: {numbers}",
+            sentence=text + equal if last else text,
+            grounds=numbers if last else "",
             evidence=evidence if factor is None else (*evidence, *evidence_of(("factor", factor))),
             correction=name,
             hypothesis=best.names,
@@ -559,12 +564,11 @@ def _comparison_evidence(comparison: ConventionComparison) -> tuple[tuple[Eviden
         ("hypotheses", float(comparison.tried)),
     )
     most = max(means, key=lambda question: means[question][0] - means[question][1])
-    must = f"{BALANCE[given.impacts.space.name]}, which must give +1 and +1,"
-    numbers = f"the moment balance {must} gives {before} as read and {after} corrected; " if turned else ""
+    rule = f"{BALANCE[given.impacts.space.name]} should give a = b = 1"
+    numbers = f"{rule}: as read {before}; corrected {after}; " if turned else ""
     numbers += (
-        f"the contradictions per trial fall from {total[0]:.2f} to {total[1]:.2f} (mostly {most} {means[most][0]:.2f} "
-        f"to {means[most][1]:.2f}; {comparison.sigmas:.0f} standard errors, better in {better:.0%} of "
-        f"{len(given.total)} trials)"
+        f"the contradictions per trial, mostly of {most}, fall from {total[0]:.2f} to {total[1]:.2f}, in {better:.0%} "
+        f"of {len(given.total)} trials, by {comparison.sigmas:.0f} standard errors"
     )
     return evidence, numbers
 

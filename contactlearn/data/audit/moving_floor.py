@@ -97,8 +97,8 @@ def moving_floor_findings(impacts: Impacts) -> list[Finding]:
         f"; ε of a fit relative to it has, beside its own, a standard error of {floor.restitution_error:.2g} from that "
         "of the floor's velocity"
         if floor.sure
-        else f"v_n⁺ has a constant beside its part in proportion to v_n: a floor that moves {moves}, a restitution "
-        "that depends on the speed, or adhesion; was the floor or racket at rest?"
+        else f"the rebound speed does not go to zero with the approach speed: a floor that moves {moves}, a "
+        "restitution that depends on the speed, or adhesion; was the floor or racket at rest?"
     )
     evidence = evidence_of(
         ("velocity", v, "m/s"),

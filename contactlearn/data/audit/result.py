@@ -28,6 +28,7 @@ class Finding:
         name: of the kind of finding: that of its correction, or `gross_outliers`, `impossible`, ….
         sentence: the finding in words.
         evidence: the numbers behind it.
+        grounds: a clause with the most telling of them; of findings that share them the last one has it.
         correction: name of the correction that undoes it, if any.
         fatal: whether no correction helps, so that no model is fitted.
         mistake: whether the data are wrong; False for a note.
@@ -45,11 +46,13 @@ class Finding:
     hypothesis: tuple[str, ...] = ()
     alternatives: tuple[tuple[str, ...], ...] = ()
     rig: tuple[Row, ...] = ()
+    grounds: str = ""
 
     def __repr__(self) -> str:
         """Write the sentence, and the correction where there is one."""
         fix = f" → {self.correction}" if self.correction else ""
-        return f"Finding({self.name}: {self.sentence}{fix})"
+        grounds = f"; {self.grounds}" if self.grounds else ""
+        return f"Finding({self.name}: {self.sentence}{grounds}{fix})"
 
     def value(self, quantity: str) -> float | str:
         """The value of a quantity of the evidence.
@@ -79,9 +82,13 @@ class Audit(tuple[Finding, ...]):
         return [finding.correction for finding in self if finding.correction]
 
     def __repr__(self) -> str:
-        """Write a line for each finding, and the setting that corrects them."""
+        """Write a line for each finding and for what shows it, and the setting that corrects them."""
+        lines = list[str]()
+        for one in self:
+            lines.append(f"{'wrong' if one.mistake else 'note'}: {one.sentence}")
+            lines += [f"evidence: {one.grounds}"] if one.grounds else []
         fix = [f"to correct it: data.correct=[{','.join(self.corrections)}]"] * bool(self.corrections)
-        return "\n".join([f"{'wrong' if one.mistake else 'note'}: {one.sentence}" for one in self] + fix)
+        return "\n".join([*lines, *fix])
 
     def _repr_html_(self) -> str:
         return "".join(f"<p>{escape(line)}</p>" for line in repr(self).split("\n"))

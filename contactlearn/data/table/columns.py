@@ -403,7 +403,8 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None], known: Sequenc
             own += ("restitution", *VECTORS, *MOVING)
             raise UnknownNameError(f"column in data.columns{turned}:", column, [*dict.fromkeys(own)])
         if name is not None and name not in cells.columns:
-            near, there = suggest(name, cells.header), ", ".join(map(repr, cells.header))
+            free = [one for one in cells.header if one not in names.values()]  # a column that is mapped already is none
+            near, there = suggest(name, free), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
         if column.startswith("v") and column.endswith("_post") and is_coefficient(str(name)):
             raise DataError(

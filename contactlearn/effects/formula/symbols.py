@@ -76,7 +76,7 @@ IN_SPACE = {
     "lever": Symbol("|r_t|/ρ", "–", "arm of the normal impulse in radii of gyration", of=lambda s: s.lever),
     "spin": Symbol("|ω|", "rad/s", "rate of the spin before contact", of=lambda s: s.v_pre[..., 3:].norm(dim=-1)),
     "twist": Symbol("ω_n", "rad/s", "spin about the normal before contact", of=lambda s: s.v_pre[..., 5]),
-    "orientation": Symbol("orientation", "–", "orientation of the body, and its contact point"),
+    "orientation": Symbol("orientation", "–", "turn of the body, which also moves its contact point"),
 }
 """Quantities of a body in space by name: those of a state, which no turn about the normal changes, and the place."""
 FORMULA_OUTPUTS: dict[Space, dict[str, dict[str, str]]] = {

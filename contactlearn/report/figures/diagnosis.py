@@ -165,15 +165,16 @@ def error_bars(names: Sequence[str], errors: Sequence[Interval], colors: Any = _
     Over one column: on a card of TensorBoard, which is narrow, the letters of a page could not be read.
     """
     told = [fill(f"{error(x.mean)}  {st.plain(name, 60)}", _LETTERS) for name, x in zip(names, errors, strict=True)]
-    lines = max((text.count("\n") + 1 for text in told), default=1)
-    figure = st.new_figure(st.COLUMN, 0.7 + 0.19 * (1 + lines) * len(names))
-    axes = st.name_axes(figure.subplots(), ERROR)
-    places, halo = range(len(names)), [withStroke(linewidth=3, foreground="white")]
-    axes.barh(places, [x.mean for x in errors], color=colors, height=0.42)
+    lines = [text.count("\n") + 1 for text in told]
+    places = [sum(lines[: k + 1]) + k for k in range(len(told))]  # in lines of text: each bar has one of its own
+    figure = st.new_figure(st.COLUMN, 0.7 + 0.19 * (sum(lines) + len(lines)))
+    axes, halo = st.name_axes(figure.subplots(), ERROR), [withStroke(linewidth=3, foreground="white")]
+    axes.barh(places, [x.mean for x in errors], color=colors, height=0.84)
     axes.hlines(places, [x.low for x in errors], [x.high for x in errors], color=st.DARK, linewidth=1.8)
     for place, text in enumerate(told):
-        axes.text(0, place - 0.24, text, va="bottom", path_effects=halo)
-    axes.set(xlim=(0, 1.04 * max(x.high for x in errors) or 1), ylim=(len(names) - 0.6, -0.8))
+        axes.text(0, place - 0.48, text, va="bottom", path_effects=halo)
+    last = places[-1] if places else 1
+    axes.set(xlim=(0, 1.04 * max(x.high for x in errors) or 1), ylim=(last + 0.8, -0.6))
     axes.set_yticks([])
     return figure
 

@@ -86,7 +86,7 @@ def convergence(fit: SubsetFit) -> Figure:
 def _draw_means(axes: Axes, fit: SubsetFit, values: Float[np.ndarray, "repetitions sizes"]) -> None:
     """Mean and standard deviation of one parameter over the repetitions."""
     style, mean = st.law_style(fit.law.name), values.mean(0)
-    marker = "o" if len(fit.sizes) < 12 else ""
+    marker = "o" if len(fit.sizes) <= 16 else ""
     axes.plot(fit.sizes, mean, marker=marker, markersize=3.5, color=style.color, label="Mean", zorder=3)
     if len(values) > 1:
         std = values.std(0, ddof=1)

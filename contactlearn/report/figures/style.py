@@ -31,6 +31,7 @@ from contactlearn.report.text.names import model_label
 
 COLUMN, PAGE = 3.4, 7.0
 """Widths in inches of a figure over one column and over two."""
+_CARD_WIDTH, _CARD_PIXELS, _CARD_SHAPE = 5.0, 600, 4 / 3  # of a card of TensorBoard: in of two columns, pixels, ratio
 
 FONT_SIZE = 8
 ROW = 0.15  # height of a legend's row in inches
@@ -238,6 +239,20 @@ def draw_histogram(axes: Axes, values: Float[np.ndarray, " n"], bins: int, color
 def array(x: Shaped[Tensor, "*shape"] | Sequence[float]) -> Float[np.ndarray, "*shape"]:
     """`x` as a float64 array, without its gradient."""
     return torch.as_tensor(x, dtype=torch.float64).detach().cpu().numpy()
+
+
+def card_png(figure: Figure) -> bytes:
+    """Draw a figure as a card of TensorBoard shows it best: 600 × 450 pixels, with letters of 11 to 18 of them.
+
+    A card is some 330 pixels wide whatever it shows; a figure over two columns is arranged again in less width.
+    """
+    width, height = figure.get_size_inches()
+    size = max(_CARD_WIDTH if width > COLUMN else COLUMN, height * _CARD_SHAPE)
+    figure.set_size_inches(size, size / _CARD_SHAPE)
+    with look(), BytesIO() as drawn:
+        figure.savefig(drawn, format="png", dpi=_CARD_PIXELS / size)
+        figure.set_size_inches(width, height)
+        return drawn.getvalue()
 
 
 def save(figure: Figure, folder: str | os.PathLike[str], name: str) -> tuple[Path, Path]:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from contactlearn.core import __version__
 from contactlearn.core.errors import ContactLearnError
-from contactlearn.core.numerics import measured
+from contactlearn.core.numerics import Z_95, measured
 from contactlearn.data.audit.result import Evidence
 from contactlearn.diagnosis.result import (
     Choices,
@@ -67,6 +67,9 @@ from contactlearn.report.text.sentences import (
 )
 from contactlearn.results.types import DataSource, Provenance
 
+_NOTES = {"consistent": "No mistake of units or axes", "moving_floor": "A rebound that does not vanish at zero speed"}
+_OF_THE_SET_UP = ("rig", "rig_applied")  # which a section of its own has
+
 
 def save_report(diagnosis: Diagnosis, folder: str | os.PathLike[str]) -> Path:
     """Write report.html of a diagnosis that was made in Python; return its path.
@@ -118,7 +121,7 @@ def of_diagnosis(
             "support": grounds(diagnosis),
             "sentences": phrases("summary", diagnosis),
         },
-        "findings": [_finding(finding) for finding in diagnosis.findings],
+        "findings": [_finding(one, diagnosis) for one in diagnosis.findings if one.name not in _OF_THE_SET_UP],
         "law": {"name": diagnosis.law, "label": law_style(diagnosis.law).label if diagnosis.law else ""},
         "next": list(next_commands),
         "reproduce": reproduced(provenance, use),
@@ -147,15 +150,25 @@ def of_diagnosis(
     )
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
+def _finding(finding: Finding, diagnosis: Diagnosis) -> dict[str, Any]:
+    name = _NOTES.get(finding.name) if not finding.mistake else None
+    explained = finding.name == "consistent" and diagnosis.missing and _is_off(finding)
     return {
-        "name": "No mistake found" if finding.name == "consistent" else capitalize_first(label(finding.name)),
-        "sentence": sentence(finding.sentence),
+        "name": name or capitalize_first(label(finding.name)),
+        "sentence": sentence(finding.sentence) + (f" {phrase('imbalance_of_effects')}" if explained else ""),
+        "grounds": sentence(finding.grounds) if finding.grounds else "",
         "evidence": _evidence(finding.evidence),
         "note": phrase("correction_note", finding),
         "fatal": finding.fatal,
         "mistake": finding.mistake,
     }
+
+
+def _is_off(finding: Finding) -> bool:
+    """Whether a coefficient of the moment balance differs from 1 by more than its error."""
+    values = {one.quantity: one.value for one in finding.evidence}
+    pairs = [(values.get(f"{name}_measured"), values.get(f"{name}_error_measured")) for name in "ab"]
+    return any(isinstance(x, float) and isinstance(e, float) and abs(x - 1) > Z_95 * e for x, e in pairs)
 
 
 def _evidence(numbers: Sequence[Evidence]) -> list[tuple[str, str]]:

@@ -13,8 +13,8 @@ from contactlearn.report.figures.learning import learning_curve
 from contactlearn.report.figures.style import BOUNDS, law_style
 from contactlearn.report.page.page import packed, reproduced
 from contactlearn.report.page.trials import STEPS, digits, finely, impulse_figure, of_laws, of_outcomes, of_trials
-from contactlearn.report.text.names import model_label, model_labels, sentence, source_label
-from contactlearn.report.text.sentences import best_learned, phrase, phrases
+from contactlearn.report.text.names import model_labels, sentence, source_label
+from contactlearn.report.text.sentences import best_learned, evaluation_headline, learned_errors, phrase, phrases
 from contactlearn.results.tables import HeldOut
 from contactlearn.results.types import Evaluation
 
@@ -42,7 +42,7 @@ def of_evaluation(result: Evaluation, held_out: HeldOut) -> dict[str, Any]:
         "title": f"Evaluation on {source_label(test.source)}",
         "verdict": {
             "key": "evaluation",
-            "headline": phrase("evaluation_headline", labels, result.best, result.differences),
+            "headline": evaluation_headline(result),
             "support": [sentences[0], *([learned] if learned else [])],
             "sentences": sentences[1:],
         },
@@ -107,11 +107,10 @@ def _sentences(result: Evaluation, labels: Mapping[str, str], closest: str, tria
 
 def _learned(result: Evaluation) -> list[dict[str, Any]]:
     """The learned models at the largest number of training trials, the best first."""
-    curves = {name: one for name, one in result.learning_curves.items() if one.calibration is not None}
-    last = {model_label(name): one.of(result.metric)[-1] for name, one in curves.items()}
+    learned, size = learned_errors(result)
     return [
-        {"label": name, "trials": result.learning_curves[next(iter(curves))].sizes[-1], **finely(asdict(error))}
-        for name, error in sorted(last.items(), key=lambda one: one[1].mean)
+        {"label": name, "trials": size, "kind": "processes", **finely(asdict(error))}
+        for name, error in sorted(learned.items(), key=lambda one: one[1].mean)
     ]
 
 

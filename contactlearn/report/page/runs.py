@@ -85,10 +85,8 @@ def redraw(folder: Path) -> Path:
         if isinstance(result, DiagnosisRun):
             diagnosis = result.diagnosis
             diagnosis = replace(diagnosis, record=None if diagnosis.choices is None else Record.load(folder))
-            if not diagnosis.missing:
-                return write_page(folder, diagnosis, result.provenance)
-            coming = next_commands(result.use, folder)
-            return write_page(folder, diagnosis, result.provenance, use=result.use, next_commands=coming)
+            use, coming = result.use if diagnosis.missing else "", next_commands(result, folder)
+            return write_page(folder, diagnosis, result.provenance, use=use, next_commands=coming)
     except OSError as error:
         raise ContactLearnError(f"{folder}: cannot be written: {error.strerror}") from None
     raise ContactLearnError(f"{folder}: a run of kind {result.kind} has no page of its own")

@@ -41,6 +41,7 @@ from contactlearn.effects import EffectId, catalogue
 from contactlearn.effects.formula.symbols import symbol_named
 from contactlearn.effects.functions import Argument
 from contactlearn.inference.evaluation.metrics import Interval
+from contactlearn.mechanics.apparatus import CHANGES
 from contactlearn.report.text import names, numbers
 from contactlearn.report.text.names import join_words
 from contactlearn.results.types import Evaluation
@@ -105,13 +106,33 @@ def headline(diagnosis: Diagnosis) -> str:
     return phrase("verdict", diagnosis)
 
 
+def learned_errors(result: Evaluation) -> tuple[dict[str, Interval], int]:
+    """Return the errors of the learned models of the learning curves, by label, and their number of training trials."""
+    curves = {name: curve for name, curve in result.learning_curves.items() if curve.calibration is not None}
+    last = {names.model_label(name): curve.of(result.metric)[-1] for name, curve in curves.items()}
+    return last, next(iter(curves.values())).sizes[-1] if curves else 0
+
+
 def best_learned(result: Evaluation) -> str:
     """Name the best learned model of the learning curves and its error; empty where there is none."""
-    curves = {name: curve for name, curve in result.learning_curves.items() if curve.calibration is not None}
-    if not curves:
-        return ""
-    last = {names.model_label(name): curve.of(result.metric)[-1] for name, curve in curves.items()}
-    return phrase("best_learned", last, next(iter(curves.values())).sizes[-1])
+    learned, size = learned_errors(result)
+    return phrase("best_learned", learned, size) if learned else ""
+
+
+def learned_leads(result: Evaluation) -> bool:
+    """Whether a learned model of the learning curves has the least error of all models."""
+    learned, _ = learned_errors(result)
+    return any(one.mean < result.errors[result.best].of(result.metric).mean for one in learned.values())
+
+
+def evaluation_headline(result: Evaluation) -> str:
+    """Name the best model: a learned one where it has less error than all others, and then the best of these."""
+    labels, error = names.model_labels(result), result.errors[result.best].of(result.metric).mean
+    learned, size = learned_errors(result)
+    if not learned_leads(result):
+        return phrase("evaluation_headline", labels, result.best, result.differences)
+    laws = {*result.differences, result.best} <= {fit.law for fit in result.fits}
+    return phrase("learned_headline", learned, size, labels, result.best, result.differences, error, laws)
 
 
 def grounds(diagnosis: Diagnosis) -> list[str]:
@@ -144,6 +165,15 @@ def _beliefs(diagnosis: Diagnosis) -> list[dict[str | EffectId, float]]:
         likely = sorted((share for share in shares if shares[share] >= _LEAST_BELIEF), key=lambda one: -shares[one])
         listed += [{one: shares[one] for one in likely}] if len(likely) > 1 else []
     return listed
+
+
+def set_up(diagnosis: Diagnosis) -> str:
+    """Say what of the set-up is not as stated, by measurements without a contact law; empty where nothing differs."""
+    rows = [row for finding in diagnosis.findings for row in finding.rig if row.differs]
+    made = [row for row in rows if row.estimate.applied]
+    left = [row for row in rows if row.name in CHANGES and not row.estimate.applied]
+    others = [row for row in rows if row not in (*made, *left)]
+    return phrase("set_up", made, [] if made else left, others + (left if made else [])) if rows else ""
 
 
 def uncertain_forms(diagnosis: Diagnosis, effect: EffectId) -> str:

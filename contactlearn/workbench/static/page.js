@@ -120,6 +120,12 @@ function showWindow() {
 }
 
 window.dash_clientside = Object.assign({}, window.dash_clientside, {workbench: {
+  // Whether there is nothing to undo, nothing to do again, and nothing but the law.
+  steps(history, address) {
+    const more = key => ["effect", "line"].includes(key) || key.startsWith("manual.");
+    const keys = [...new URLSearchParams(address ?? "").keys()];
+    return [!history?.past?.length, !history?.future?.length, !keys.some(more)];
+  },
   data(sent) {
     if (!sent) return "";
     const names = [...Object.values(sent.space.columns).flat(), ...sent.space.wrench];

@@ -13,7 +13,7 @@ function showModel() {
   for (const box of document.querySelectorAll("[data-bit]")) box.checked = Boolean(state.model >> box.dataset.bit & 1);
   for (const output of document.querySelectorAll(".ticked")) {
     const less = state.model ? `, ${compared(model().mean, page.models[0].mean)}` : "";
-    output.textContent = `Fit error: ${written(model().mean)}${less}`;
+    output.textContent = `Error of the fit to all trials: ${written(model().mean)}${less}`;
   }
   page.regions?.forEach((region, k) => {
     const cells = get("regions").tBodies[0].rows[k], inside = new Set(region.rows), error = errorsOf(state.model);
