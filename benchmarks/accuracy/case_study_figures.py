@@ -78,7 +78,7 @@ def main() -> None:
         for name, figure in figures.items():
             for axes in figure.axes:
                 axes.set_ylabel(axes.get_ylabel().replace("P_n", "$P_n$"))
-            figure.savefig(folder / f"case_study_{name}.png", dpi=200)
+            figure.savefig(folder / f"case_study_{name}.png", dpi=150)
 
 
 if __name__ == "__main__":
