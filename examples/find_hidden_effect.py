@@ -19,16 +19,15 @@ found = cl.diagnose(impacts)
 print(found)
 print(found.equation)
 
-# The ladder starts at the law alone. Each rung adds an effect; the last two are what flexible models still find, and
-# the noise of the measurements.
+# The ladder starts at the law alone. Each step adds an effect; the last two bars are what a flexible model can still
+# learn, and the measurement noise.
 show(cl.plot.ladder(found), chosen.out / "ladder")
 
 # The law alone fails in these regions; with the missing effects the error is even.
 if found.regions:
     show(cl.plot.regions(found), chosen.out / "regions")
 
-# Now the account is opened. The probability beside a name is calibrated on planted effects: of names with 0.9, nine in
-# ten are right.
+# Now compare with the truth. The probability is calibrated: of names stated at 0.9, about nine in ten should be right.
 hidden = {one["name"] for one in truth["effects"]}
 print("hidden:", *sorted(hidden))
 for one in found.missing:

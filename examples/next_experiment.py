@@ -1,4 +1,4 @@
-"""Design the next experiment, and watch the ambiguity fall.
+"""Design the next experiment.
 
 Few drops of one kind often suit two explanations. Here a simulator is the laboratory. In each round the drops that
 separate two models best are measured, and the models are fitted again; as many usual drops are the

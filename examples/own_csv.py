@@ -36,8 +36,9 @@ columns |= {
 units = {"length": "mm", "mass": "g", "angle": "deg"}
 shape = {"kind": "ellipse", "semi_axes": [0.035, 0.025]}
 
-# Here the sense of rotation is missing. The audit finds that the moments do not balance. Clockwise angles look like a
-# mirrored x, the same experiment seen from behind, so the audit names that reading; you know which of the two it was.
+# Here the sense of rotation is missing. The audit finds that the moments do not balance. The data cannot tell clockwise
+# angles from a mirrored x axis, the same experiment seen from behind. The audit proposes the latter; you know which it
+# was.
 wrong = cl.read_table(path, shape=shape, columns=columns, units=units, validate=False)
 for finding in cl.audit(wrong):
     print(finding.sentence, "→ data.correct", finding.correction)

@@ -46,7 +46,7 @@ for label, fit in fits.items():
     print(f"{label}\n{fit.model}\n")
 table = cl.compare({label: fit.model for label, fit in fits.items()}, test)
 print(table)
-show(cl.plot.comparison(table), chosen.out / "errors")
+show(cl.plot.comparison(table.sort_values("error", ascending=False)), chosen.out / "errors")
 
 # The moment that is left without the effect, along the orientation, and the effect's own curve through it.
 model = cl.fit(pool, "wang_mason", {"cable": CableTorque()}).model

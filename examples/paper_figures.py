@@ -1,4 +1,4 @@
-"""Reproduce the paper's figures and its table.
+"""Reproduce the figures of the paper.
 
 The figures and Table 1 of Fazeli et al. (2017): on synthetic drops, whose truth is known (Wang and Mason's law, μ =
 0.12, ε = 0.55), or with `--data=ellipse_drops` on the published ones, with the conventions of the authors' script.

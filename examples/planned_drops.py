@@ -1,4 +1,4 @@
-"""Let the tool say what to drop next, and when to stop.
+"""Plan the drops, and when to stop.
 
 A rig drops a body from heights up to half a metre, at any angle, with a spin. The laboratory is a simulator that hides
 one to three effects. Plan, measure, diagnose and plan again, until the plan says to stop.

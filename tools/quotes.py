@@ -25,7 +25,7 @@ import textwrap
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
-WIDTH = 96
+WIDTH = 80
 QUOTED = re.compile(r"<!-- quoted: (.*?) -->\n\n```text\n(.*?)```", re.DOTALL)
 BLOCK = re.compile(r"```python\n(.*?)```", re.DOTALL)
 

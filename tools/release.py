@@ -45,7 +45,11 @@ def check_words(version):
     )
     unreleased = re.search(r"^## Unreleased\n(.*?)^## ", changes, re.MULTILINE | re.DOTALL)
     step(not (unreleased and unreleased[1].strip()), "nothing is unreleased", f"move it below '## {version}'")
-    left = [name for name in OWNED if re.search(r"OWNER|the contactlearn authors", (ROOT / name).read_text("utf-8"))]
+    left = [
+        name
+        for name in OWNED
+        if re.search(r"OWNER|<URL of this repository>|the contactlearn authors", (ROOT / name).read_text("utf-8"))
+    ]
     step(
         not left, "authors and addresses are filled in", f"a person must fill in owner and authors in {', '.join(left)}"
     )

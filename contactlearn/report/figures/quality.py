@@ -19,6 +19,8 @@ from contactlearn.report.figures import style as st
 
 __all__ = ["calibration_curve", "predicted_against_measured", "training"]
 
+_NEARLY = 0.99  # R² from which on three digits could be 1
+
 
 @st.look()
 def predicted_against_measured(
@@ -146,4 +148,5 @@ def _r2(measured: np.ndarray, predicted: np.ndarray) -> str:
     spread = np.sum((measured - measured.mean()) ** 2)
     if spread == 0:
         return "R² undefined"
-    return f"R² = {1 - np.sum((measured - predicted) ** 2) / spread:.3g}".replace("-", "−")
+    value = 1 - np.sum((measured - predicted) ** 2) / spread
+    return f"R² = {value:{'.4f' if value > _NEARLY else '.3g'}}".replace("-", "−")

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from contactlearn.core.numerics import measured
 from contactlearn.data.recordings.poses import Array, away, rotated, turn
@@ -28,13 +29,16 @@ _DEGREES = 180 / math.pi
 def contact_figure(searched: SearchedTrack, contact: RecordedContact, shape: Shape) -> Figure:
     """Draw x, y and θ over time with both flights and the instant of contact, residuals below, and the body there.
 
-    In space rotations are counted from the pose at contact, and the body is seen along y.
+    The velocity before and after contact stands above each panel.  In space rotations are counted from the pose at
+    contact, and the body is seen along y.
     """
     track, flights = searched.track, searched.flights[contact.flight : contact.flight + 2]
     names, d, rows = residual_names(track.k), track.d, track.k // 3
-    figure = st.new_figure(st.PAGE, 4.2 if d == 2 else 7.0)
-    panels = figure.subplots(2 * rows, 4, height_ratios=(2, 1) * rows)
-    for k, name in enumerate(names):
+    errors = np.sqrt(contact.covariance.diagonal())
+    figure = st.new_figure(st.PAGE, 3.8 if d == 2 else 7.0)
+    panels = figure.subplots(2 * rows, 4, height_ratios=(2, 1) * rows, width_ratios=(1, 1, 1, 0.7))
+    symbols = (PLANE if d == 2 else SPACE).symbols
+    for k, (name, (symbol, per_second)) in enumerate(zip(names, symbols.items(), strict=True)):
         upper, lower = panels[k // 3 * 2, k % 3], panels[k // 3 * 2 + 1, k % 3]
         unit, fine = ("m", 1e3) if k < d else ("rad", _DEGREES)
         for flight, color, late in zip(flights, (_BLUE, _RED), (0, contact.missing), strict=True):
@@ -47,26 +51,28 @@ def contact_figure(searched: SearchedTrack, contact: RecordedContact, shape: Sha
             lower.plot(time + late * track.step, fine * flight.residual[:, k], ".", color=color, markersize=2)
         for axes in (upper, lower):
             axes.axvline(contact.time, color="0.3", linewidth=0.6)
+            axes.yaxis.set_major_locator(MaxNLocator(4))
+        ends = ((contact.v_pre[k], errors[k]), (contact.v_post[k], errors[track.k + k]))
+        before, after = (measured(float(value), error).partition(" ±")[0] for value, error in ends)
+        upper.set_title(f"{st.plain(symbol)}: {before} → {after} {per_second}")
+        upper.tick_params(labelbottom=False)
         st.name_axes(upper, "", f"{name} ({unit})")
         st.name_axes(lower, "Time (s)", f"Residual ({'mm' if k < d else '°'})")
-    body, upwards = panels[0, -1], d - 1
+    for empty in panels[:, -1]:
+        empty.remove()
+    body, upwards = figure.add_subplot(panels[0, 0].get_gridspec()[:, -1]), d - 1
     outline = (
         shape.outline().numpy() if d == 3 else rotate(shape.outline(), torch.tensor(float(contact.pose[2]))).numpy()
     )
-    outline = contact.pose[:d] + (rotated(contact.pose[3:], outline) if d == 3 else outline)
+    outline = st.MILLI * (contact.pose[:d] + (rotated(contact.pose[3:], outline) if d == 3 else outline))
     body.plot(outline[:, 0], outline[:, upwards], color=_BLUE)
     body.axhline(float(np.nanmin(outline[:, upwards])), color="0.3", linewidth=0.8)
-    body.set_aspect("equal", adjustable="datalim")
-    st.name_axes(body, "x (m)", f"{names[upwards]} (m)")
-    for empty in panels[1:, -1]:
-        empty.axis("off")
-    errors = np.sqrt(contact.covariance.diagonal())
-    symbols = (PLANE if d == 2 else SPACE).symbols
-    named = [(f"{symbol}{when}", unit) for when in ("", "⁺") for symbol, unit in symbols.items()]
-    values = zip(named, (*contact.v_pre, *contact.v_post), errors, strict=False)
-    text = "\n".join(f"{name} = {measured(float(value), error, unit)}" for (name, unit), value, error in values)
-    panels[1, -1].text(0, 1, text, va="top", fontsize="x-small")
-    figure.suptitle(f"{st.plain(contact.name)}: contact at {contact.time:.5f} s ± {1e6 * errors[-1]:.2g} µs")
+    body.set_aspect("equal", adjustable="box")
+    body.set_title("At contact")
+    st.name_axes(body, "x (mm)", f"{names[upwards]} (mm)")
+    figure.align_ylabels()
+    when = f"{contact.time:.5f} s ± {1e6 * errors[-1]:.2g} µs"
+    figure.suptitle(f"Recording {st.plain(contact.recording)}, contact {contact.number}: {when}")
     return figure
 
 

@@ -81,7 +81,7 @@ def _described(truth: Mapping[str, Any]) -> str:
         lines += [
             "",
             effect["name"],
-            textwrap.fill(effect["form"], 100, initial_indent="  ", subsequent_indent="  "),
+            textwrap.fill(effect["form"], 80, initial_indent="  ", subsequent_indent="  "),
             f"  {parameters}",
             f"  changes the outcome by {100 * effect['relative_change']:.2f} % (rms, mass norm)",
         ]
