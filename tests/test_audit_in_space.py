@@ -272,6 +272,21 @@ def test_a_heading_of_another_instrument_is_one_turn():
     assert re.search(r"by 1[34](\.\d+)?° in all trials", found.sentence)
 
 
+def test_spins_of_a_gyroscope_that_is_mounted_askew_are_said_to_be_turned():
+    tosses = box_tosses(0.25, 0.6, noise=0.003)
+    R = torch.from_numpy(Rotation.from_rotvec((math.radians(14), 0.0, 0.0)).as_matrix())
+    (found,) = one_term_findings(spun(tosses, lambda w: in_world(in_body(w, tosses.q) @ R.T, tosses.q)))
+    assert found.name == "gyroscope_turned"
+    assert "by 14° about (−1, " in found.sentence
+
+
+def test_two_components_of_the_spin_that_are_exchanged_are_named():
+    tosses = box_tosses(0.25, 0.6, noise=0.003)
+    exchanged = after(tosses, lambda one: spun(one, lambda w: w[:, [1, 0, 2]]))
+    (found,) = one_term_findings(exchanged)
+    assert found.sentence.startswith("ω_x and ω_y after impact are exchanged")
+
+
 def test_a_scale_of_all_lengths_is_seen_in_heights_and_moments():
     tosses = box_tosses(0.25, 0.6, noise=0.003)
     upright = torch.cat((tosses.q[:, :2], -contact_points(BOX, None, tosses.q[:, 3:])[:, 2:], tosses.q[:, 3:]), -1)

@@ -341,11 +341,15 @@ def tracked_point(impacts: Impacts) -> Float[Tensor, " d"]:
 def spin_turn(impacts: Impacts) -> Float[Tensor, "3 3"]:
     """Compute the turn of the spins in space, from their axes to those of the world, at which the moments balance best.
 
-    Wahba 1965, by singular values and Tukey's biweight.
+    See `best_turn`.
     """
     terms = torque(impacts)
-    change, needed = terms.spin, terms.normal + terms.tangential
-    weight, turn = torch.ones(len(impacts), dtype=torch.float64), torch.eye(3, dtype=torch.float64)
+    return best_turn(terms.spin, terms.normal + terms.tangential)
+
+
+def best_turn(change: Float[Tensor, "n 3"], needed: Float[Tensor, "n 3"]) -> Float[Tensor, "3 3"]:
+    """Compute the turn that brings vectors nearest to others: Wahba 1965, by singular values and Tukey's biweight."""
+    weight, turn = torch.ones(len(change), dtype=torch.float64), torch.eye(3, dtype=torch.float64)
     for _ in range(_ABSOLUTE_ROUNDS):
         U, _, Vh = torch.linalg.svd(needed.T @ (weight[:, None] * change))
         turn = U @ torch.diag(torch.tensor((1.0, 1.0, torch.linalg.det(U @ Vh)), dtype=torch.float64)) @ Vh

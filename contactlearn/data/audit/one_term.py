@@ -8,6 +8,8 @@ Each explanation has a few numbers, in which the balance is linear:
     scale of lengths      heights at contact against the shape, and velocities, by one factor
     scale of an axis      v_x, v_y and v_z times a factor each, as of one camera's calibration
     contact points        the same vector is added to r in all trials, in world axes: the height of the floor
+    mounting              spins are turned against the axes of the body, as a gyroscope in its housing is
+    exchanged spins       two components of the spin before impact, after it, or both
     heading               orientation and spins are turned about the vertical, perhaps by a growing angle
     bodies                a factor on I of each body, as of masses that were exchanged
 
@@ -26,7 +28,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from contactlearn.core.numerics import MAD_SCALE, biweight, number
-from contactlearn.data.audit.moments import torque
+from contactlearn.data.audit.moments import best_turn, torque
 from contactlearn.data.audit.result import Finding, evidence_of
 from contactlearn.data.audit.trials import named_by_mass
 from contactlearn.mechanics.bodies import contact_points, numbered
@@ -81,7 +83,7 @@ def one_term_findings(impacts: Impacts) -> list[Finding]:
     if (scaled := _scale_of_lengths(impacts)) is not None:
         return [scaled]
     by_physics = min(fit.left for fit in _physical(impacts))
-    explanations = [_products, _scales, _contact_points, _heading, _bodies]
+    explanations = [_products, _scales, _contact_points, _mounting, _exchanged, _heading, _bodies]
     found = [one for explain in explanations if (one := explain(impacts)) is not None]
     best = min(found, key=lambda one: one.left, default=None)
     if best is None or best.left > _LEFT * min(given, by_physics):
@@ -212,6 +214,39 @@ def _contact_points(impacts: Impacts) -> _Explanation | None:
         f"the contact points are off by ({place}) mm along x, y, z, the same in all trials: is the floor where it was "
         "taken to be?",
     )
+
+
+def _mounting(impacts: Impacts) -> _Explanation | None:
+    terms = torque(impacts)
+    change, needed = (in_body(x, impacts.q) for x in (terms.spin, terms.normal + terms.tangential))
+    turn = best_turn(change, needed)
+    angle = math.acos(min(1.0, (turn.trace().item() - 1) / 2))
+    if angle < _TURNED:
+        return None
+    left = terms.size(needed - change @ turn.T) / terms.scale.clamp_min(1e-300)
+    axis = (turn - turn.T)[[2, 0, 1], [1, 2, 0]] / (2 * math.sin(angle))
+    about = ", ".join(number(x, 2) for x in axis.tolist())
+    sentence = (
+        f"spins are turned against the axes of the body by {number(math.degrees(angle), 3)}° about ({about}) in them: "
+        "is the gyroscope mounted so"
+    )
+    return _Explanation(left.median().item(), "gyroscope_turned", f"{sentence}?")
+
+
+def _exchanged(impacts: Impacts) -> _Explanation | None:
+    found = list[_Explanation]()
+    for pair in ("xy", "xz", "yz"):
+        order = ["xyz".replace(pair[0], "·").replace(pair[1], pair[0]).replace("·", pair[1]).index(a) for a in "xyz"]
+        for when, before, after in (("before", True, False), ("after", False, True), ("before and after", True, True)):
+            v_pre, v_post = (
+                torch.cat((v[:, :3], v[:, 3:][:, order]), -1) if changed else v
+                for v, changed in ((impacts.v_pre, before), (impacts.v_post, after))
+            )
+            terms = torque(impacts.replace(v_pre=v_pre, v_post=v_post, validate=False))
+            left = (terms.size(terms.residual) / terms.scale.clamp_min(1e-300)).median().item()
+            sentence = f"ω_{pair[0]} and ω_{pair[1]} {when} impact are exchanged"
+            found.append(_Explanation(left, "spins_exchanged", sentence))
+    return min(found, key=lambda one: one.left)
 
 
 def _heading(impacts: Impacts) -> _Explanation | None:
