@@ -22,7 +22,8 @@
     rig, rig_applied          the rig card, measured without a law of contact, and what of it was applied: notes
     impossible_speeds         faster than anything in a laboratory
     products_of_inertia, scale_of_lengths, scale_of_axis, contact_points_moved, heading_turned, heading_drifts,
-    bodies_exchanged          the one wrong term that closes the moment balance in space (`one_term`)
+    gyroscope_turned, spins_exchanged, bodies_exchanged
+                              the one wrong term that closes the moment balance in space (`one_term`)
     moment_balance_open       the coefficients of the moment balance are not 1, and no hypothesis explains it
     contradictions            the trials contradict themselves otherwise, and no hypothesis explains it
     consistent                none of these: a note with the coefficients of the moment balance
