@@ -531,3 +531,30 @@ def test_a_table_that_was_found_in_recordings_says_its_rig(tmp_path):
     settings = {one.name: one.value for one in contents.settings}
     assert settings["correct"] == ["rig"]
     assert not contents.unused
+
+
+def test_horizontal_and_vertical_velocities_are_known_in_several_languages(tmp_path):
+    for way in (("horizontal", "vertical"), ("水平", "鉛直")):
+        words = ("velocity", "before", "after") if way[0] == "horizontal" else ("速度", "前", "後")
+        names = [f"{one} {words[0]} {when} [mm/s]" for when in words[1:] for one in way]
+        columns = proposed(tmp_path / f"{way[0]}.csv", *names)
+        assert [columns[f"columns.{ours}"] for ours in ("vx", "vy", "vx_post", "vy_post")] == names
+        assert columns["units.length"] == "mm"
+
+
+def test_units_of_columns_that_settings_name_are_theirs(tmp_path):
+    names = ("upward A [mm/s]", "upward B [mm/s]", "sideways A [mm/s]", "sideways B [mm/s]")
+    columns = dict(zip(("vy", "vy_post", "vx", "vx_post"), names, strict=True))
+    settings = {one.name: one.value for one in propose(header(tmp_path / "a.csv", *names), columns).settings}
+    assert settings["units.length"] == "mm"
+
+
+def test_times_of_a_light_gate_are_no_velocities(tmp_path):
+    path = tmp_path / "gate.csv"
+    dark = np.linspace(10, 100, 20)
+    pd.DataFrame({"Dunkelzeit vor Stoß (ms)": dark, "Dunkelzeit nach Stoß (ms)": 1.2 * dark}).to_csv(path, index=False)
+    with pytest.raises(DataError, match=r"times in which a light gate is dark\? v = width/t: write columns v_in"):
+        propose(path)
+    columns = {"vy": "Dunkelzeit vor Stoß (ms)", "vy_post": "Dunkelzeit nach Stoß (ms)"}
+    with pytest.raises(DataError, match="a time by its name, and no velocity"):
+        table.load(path, columns=columns, mass=1.0, shape={"kind": "disc", "radius": 0.02})

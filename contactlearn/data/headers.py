@@ -209,7 +209,8 @@ def propose(path: Path, columns: Mapping[str, Any] | None = None) -> FileContent
             if column in columns_of(space) and column not in table.NAMES:
                 replace(cells, gaps=True).numbers(name, Units(SI, impacts.units).text(column))
         unused = tuple(name for name in impacts.others if not name.startswith(("cov_", "apparatus_")))  # of our tables
-        return _contents("table", _table(path, space, replace(impacts, others=unused), cells), cells, unused=unused)
+        impacts = _with_stated(replace(impacts, others=unused), columns or {})
+        return _contents("table", _table(path, space, impacts, cells), cells, unused=unused)
     if why := refusal_of_cameras(header):
         raise DataError(f"{first}: {why}")
     times = [times_in(name, opposite=False) for name in header]
@@ -390,6 +391,14 @@ def _markers(header: Sequence[str]) -> list[list[str]]:
             numbered.setdefault(match[1] or match[3], {})[match[2]] = name
     markers = [[axes[axis] for axis in sorted(axes)] for axes in numbered.values()]
     return markers if len(markers) > 1 and {*map(len, markers)} in ({2}, {3}) else []
+
+
+def _with_stated(known: Recognised, columns: Mapping[str, Any]) -> Recognised:
+    """The same with the units in names of columns that settings name; other entries of settings say theirs."""
+    vocabulary = {**impact_vocabulary(PLANE), **impact_vocabulary(SPACE)}
+    named = {ours: name for ours, name in columns.items() if isinstance(name, str) and ours in known.names}
+    units = {ours: unit for ours, name in named.items() if (unit := unit_in(name, ours, vocabulary))}
+    return replace(known, units={**known.units, **units})
 
 
 def _table(path: Path, space: Space, known: Recognised, cells: Sheet | None) -> Iterator[Setting]:

@@ -31,10 +31,12 @@ from contactlearn.data.table.names import (
     Recognised,
     impact_vocabulary,
     is_coefficient,
+    is_duration,
     is_unit,
     name_words,
     recognise,
     spins_per_second,
+    times_in,
     unit_in,
 )
 from contactlearn.data.table.options import TableOptions
@@ -358,6 +360,13 @@ def refusal_of_unmeasured(header: Sequence[str]) -> str:
             "body is in flight for t = 2 v/g: write a row a bounce, with v_in = g t/2 of the flight before it and "
             "v_out = g t/2 of that after it, in m/s (docs/tables.md)"
         )
+    gates = {times_in(name, opposite=True): name for name in header if is_duration(name)}
+    if {"pre", "post"} <= gates.keys():
+        return (
+            f"has no velocities before and after contact; are {gates['pre']!r} and {gates['post']!r} times in which a "
+            "light gate is dark? v = width/t: write columns v_in and v_out in m/s, with the width of what passes the "
+            "gate (docs/tables.md)"
+        )
     coefficients = [name for name, words in split.items() if is_coefficient(name) or "".join(words) == "et"]
     if coefficients:
         return (
@@ -406,6 +415,11 @@ def checked_names(cells: Sheet, mapped: Mapping[str, str | None], known: Sequenc
             free = [one for one in cells.header if one not in names.values()]  # a column that is mapped already is none
             near, there = suggest(name, free), ", ".join(map(repr, cells.header))
             raise DataError(f"{cells.path}: data.columns.{column}={name}: no such column{near or ';'} it has {there}")
+        if column.startswith(("v", "omega")) and is_duration(str(name)):
+            raise DataError(
+                f"{cells.path}: data.columns.{column}={name}: a time by its name, and no velocity; of a light gate "
+                "write a column with v = width/t in m/s"
+            )
         if column.startswith("v") and column.endswith("_post") and is_coefficient(str(name)):
             raise DataError(
                 f"{cells.path}: data.columns.{column}={name}: a coefficient of restitution by its name, and no "

@@ -33,13 +33,13 @@ _BEFORE = (
     *("vor", "vorher", "avant", "chute", "antes", "caída", "caida", "prima", "caduta", "queda"),
     *("lâcher", "lacher", "lâchage", "largage", "loslassen", "suelta", "lanzamiento", "rilascio"),
     *("före", "innan", "før", "voor", "ennen", "przed", "spadku", "před", "до"),
-    *("衝突前", "碰撞前", "撞击前", "碰前", "撞前"),
+    *("衝突前", "碰撞前", "撞击前", "碰前", "撞前", "前"),
 )
 _AFTER = (
     *("post", "after", "final", "outgoing", "outbound", "rebound", "reflected", "plus"),
     *("nach", "nachher", "après", "apres", "rebond", "después", "despues", "rebote", "dopo", "rimbalzo", "depois"),
     *("efter", "etter", "na", "jälkeen", "po", "odbicia", "после", "ressalto"),
-    *("衝突後", "碰撞后", "碰撞後", "撞击后", "碰后", "撞后"),
+    *("衝突後", "碰撞后", "碰撞後", "撞击后", "碰后", "撞后", "後", "后"),
 )
 _IMPACT = (
     *("impact", "contact", "collision", "bounce", "aufprall", "stoß", "stoss", "kontakt"),
@@ -98,9 +98,11 @@ _CENTRES = ("c", "cm", "com", "cg", "centre", "center", "centroid", "centro", "m
 _FALLS = ("fall", "release", "chute", "caída", "caida", "caduta", "queda", "rebound", "rebond", "rebote", "rimbalzo",
           "lâcher", "lacher", "lâchage", "largage", "suelta", "rilascio")  # fmt: skip
 """Words of the times that say of a length that it is a height: rebound (cm)."""
-_NORMAL = ("perp", "perpendicular", "normal", "norm", "n", "normale", "normalna", "normála", "法向", "法線方向")
+_NORMAL = ("perp", "perpendicular", "normal", "norm", "n", "normale", "normalna", "normála", "法向", "法線方向",
+           "vertical", "verticale", "vertikal", "pionowa", "鉛直", "竖直", "垂直")  # fmt: skip
 _ALONG = ("par", "parallel", "para", "tangential", "tangent", "tan", "tang", "t", "along",
-          "tangentielle", "tangentiel", "tangenziale", "tangencial", "styczna", "切向", "接線方向")  # fmt: skip
+          "tangentielle", "tangentiel", "tangenziale", "tangencial", "styczna", "切向", "接線方向",
+          "horizontal", "horizontale", "pozioma", "水平")  # fmt: skip
 _ACROSS = ("toward", "towards", "into", "against", "off", "from", "awayfrom", "to", "perpendicularto", "normalto")
 _ALIASES = {
     "xv": "vx", "xdot": "vx", "yv": "vy", "ydot": "vy", "zv": "vz", "zdot": "vz",
@@ -250,6 +252,9 @@ def impact_vocabulary(space: Space) -> Vocabulary:
     return units
 
 
+_DURATION = re.compile(
+    r"zeit$|dauer$|^times?$|duration|temps|durée|tiempo|duración|tempo|durata|czas|tijd|duur|時間|时间"
+)
 _UNSPACED = re.compile(
     "|".join(sorted((w for w in (*_BEFORE, *_AFTER, *_WORDS) if w > "\u3000"), key=len, reverse=True))
 )
@@ -272,6 +277,12 @@ def time_of(name: str) -> str | None:
     if not words or not {*words} <= {*_BEFORE, *_AFTER, "in", "out"} or name.strip() == "NA":  # no Dutch "after"
         return None
     return "post" if {*words} & {*_AFTER, "out"} else "pre"
+
+
+def is_duration(name: str) -> bool:
+    """Return whether a name is that of a time or a duration, such as of the darkness of a light gate."""
+    words, unit = name_words(name), re.search(r"[\[(]\s*(ms|s|µs|us)\s*[\])]", name)
+    return unit is not None and any(_DURATION.search(word) for word in words)
 
 
 def times_in(name: str, *, opposite: bool) -> str | None:

@@ -23,7 +23,15 @@ from jaxtyping import Float
 
 from contactlearn.core.errors import DataError
 from contactlearn.data.table.columns import recognised_columns, setting_text, without_unit
-from contactlearn.data.table.names import Vocabulary, impact_vocabulary, name_words, recognise, times_in, unit_in
+from contactlearn.data.table.names import (
+    Vocabulary,
+    impact_vocabulary,
+    is_duration,
+    name_words,
+    recognise,
+    times_in,
+    unit_in,
+)
 from contactlearn.data.table.sheet import Sheet
 from contactlearn.mechanics.rigid_body import GRAVITY
 from contactlearn.mechanics.space import PLANE, SPACE
@@ -265,6 +273,8 @@ def _accelerations(one: Float[np.ndarray, " n"], step: float) -> Float[np.ndarra
 def _may_be(name: str, ours: str) -> bool:
     """Whether the unit in a name is one of our column, or there is none."""
     vocabulary = impact_vocabulary(PLANE)
+    if is_duration(name):
+        return False
     units = {column for column in vocabulary if unit_in(name, column, vocabulary)}
     return not units or ours in units
 
