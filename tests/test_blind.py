@@ -47,6 +47,7 @@ SIZES = {
     "author_n": 24,
     "author_o": 24,
     "author_q": 24,
+    "author_r": 20,
 }
 TRUTHS = {suite: read_truth(suite) for suite in load.SUITES}
 QUESTIONS = {"effects", "nothing", "unknown", "confounded", "measurement", "includes", "ordered", "unjudged"}

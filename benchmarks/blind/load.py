@@ -43,6 +43,7 @@ SUITES = (
     "author_n",
     "author_o",
     "author_q",
+    "author_r",
 )
 
 
