@@ -259,6 +259,7 @@ def test_runs_of_one_time_have_a_folder_each(tmp_path):
     assert seeds == [0, 1, 1]
     configurations = [(path / ".hydra" / "config.yaml").read_text().count("\nseed: 1") for path in found]
     assert configurations == [0, 1, 1]
+    assert [(path / "train.log").read_text().count("results: ") for path in found] == [1, 1, 1]
 
 
 def test_a_named_folder_is_not_written_over(tmp_path):

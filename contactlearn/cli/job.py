@@ -168,8 +168,11 @@ def _run(command: str, work: Callable[[Any, Run], None], cfg: DictConfig, hydra:
     with _new_folder(wanted) if new else _folder_of_name(wanted, identity, sweeping) as folder:
         if folder is None:
             return
-        with read_write(hydra.runtime):
-            hydra.runtime.output_dir = str(folder)  # of the configuration that is written, and of the log
+        with read_write(hydra):
+            hydra.runtime.output_dir = str(folder)  # of the configuration that is written
+            for handler in hydra.job_logging.get("handlers", {}).values():  # whose files are named already
+                if "filename" in handler and Path(handler.filename).parent == wanted:
+                    handler.filename = str(folder / Path(handler.filename).name)
         with _logged(hydra), _failures_recorded(folder, began=True):
             # As Hydra would; Hydra itself might write over the configuration of another run.
             words = [word.removeprefix("++") for word in hydra.overrides.task]
