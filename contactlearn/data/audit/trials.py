@@ -61,8 +61,10 @@ def trial_findings(impacts: Impacts, thresholds: AuditThresholds) -> list[Findin
     good = ~torch.stack([*by_reason.values()]).any(0)
     if impacts.space is SPACE:
         return [*kinds, *_outlier_findings(impacts, by_reason, thresholds), *order_findings(impacts)]
-    findings = kinds + scale_findings(impacts, thresholds) + speed_findings([impacts])
-    findings += _outlier_findings(impacts, by_reason, thresholds)
+    stray, fast = _outlier_findings(impacts, by_reason, thresholds), speed_findings([impacts])
+    if any(one.correction for one in stray) and not speed_findings([impacts[good]]):
+        fast = [replace(one, mistake=False) for one in fast]  # they are left out
+    findings = kinds + scale_findings(impacts, thresholds) + fast + stray
     if good.any():
         findings += _energy_findings(impacts[good]) + _shape_findings(impacts[good], thresholds)
     return findings + order_findings(impacts)
