@@ -558,3 +558,18 @@ def test_times_of_a_light_gate_are_no_velocities(tmp_path):
     columns = {"vy": "Dunkelzeit vor Stoß (ms)", "vy_post": "Dunkelzeit nach Stoß (ms)"}
     with pytest.raises(DataError, match="a time by its name, and no velocity"):
         table.load(path, columns=columns, mass=1.0, shape={"kind": "disc", "radius": 0.02})
+
+
+def test_spins_about_z_are_those_of_a_plane():
+    impacts = synthetic.load(size=20)
+    spins = {
+        f"wz_{when} [deg/s]": v[:, 2] * 180 / math.pi for when, v in (("in", impacts.v_pre), ("out", impacts.v_post))
+    }
+    rows = pd.DataFrame({
+        "x": impacts.q[:, 0], "y": impacts.q[:, 1], "theta [rad]": impacts.q[:, 2],
+        "vx_in": impacts.v_pre[:, 0], "vy_in": impacts.v_pre[:, 1],
+        "vx_out": impacts.v_post[:, 0], "vy_out": impacts.v_post[:, 1], **spins,
+    })  # fmt: skip
+    read_back = table.load(rows, shape=yaml.safe_load(SHAPE), mass=impacts.mass[0].item())
+    torch.testing.assert_close(read_back.v_pre, impacts.v_pre, rtol=ROUNDING, atol=0)
+    torch.testing.assert_close(read_back.v_post, impacts.v_post, rtol=ROUNDING, atol=0)

@@ -195,7 +195,23 @@ def recognised_columns(header: Sequence[str], mapped: Collection[str] = ()) -> t
     flat = {"theta", "omega", "theta_post", "omega_post"} & {*planar.names, *mapped}
     if {*SPACE.pose[3:]} & named or (not flat and any({*triple} <= named for triple in triples)):
         return SPACE, known
-    return PLANE, planar
+    return PLANE, _with_spins_about_z(planar, known)
+
+
+def _with_spins_about_z(planar: Recognised, spatial: Recognised) -> Recognised:
+    """Columns of a plane, with spins that are called those about the axis across it, and no other is there."""
+    spins = {ours: f"wz{ours.removeprefix('omega')}" for ours in ("omega", "omega_post")}
+    if {"wx", "wy", "wx_post", "wy_post"} & {*spatial.names}:
+        return planar
+    spins = {ours: wz for ours, wz in spins.items() if ours not in planar.names and wz in spatial.names}
+    names = {ours: spatial.names[wz] for ours, wz in spins.items()}
+    units = {ours: spatial.units[wz] for ours, wz in spins.items() if wz in spatial.units}
+    return replace(
+        planar,
+        names={**planar.names, **names},
+        units={**planar.units, **units},
+        others=tuple(name for name in planar.others if name not in names.values()),
+    )
 
 
 def computed_fields(space: Space, lacking: Collection[str], unused: Iterable[str]) -> tuple[str, ...]:
