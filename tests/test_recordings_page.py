@@ -173,6 +173,7 @@ def test_the_command_and_a_run_write_the_page(takes, tmp_path, found, searched):
     shutil.copytree(takes, folder, ignore=shutil.ignore_patterns("9_*"))
     told = run("contactlearn", "impacts", str(folder), "-o", str(tmp_path / "out.csv"), f"data.mass={MASS}", shape)
     assert f"page     {tmp_path / 'out.recordings.html'}" in told
+    assert "next: contactlearn diagnose data=table data.path=" in told
     assert data_of(tmp_path / "out.recordings.html")["title"] in told
     loaded = load_data(settings(takes))
     assert loaded.impacts.fingerprint() == found.impacts.fingerprint()

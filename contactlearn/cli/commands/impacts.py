@@ -5,6 +5,7 @@ import shlex
 from pathlib import Path
 
 import pandas as pd
+import yaml
 
 from contactlearn.cli.settings import SourceSettings
 from contactlearn.core.errors import ContactLearnError, DataError
@@ -53,10 +54,11 @@ def write_impacts(source: SourceSettings, out: Path) -> str:
     shown = tracked.reload({*shown_recordings(tracked)})
     page = write_recordings_page(out.with_name(f"{out.stem}.recordings.html"), tracked, shown)
     lines = [*tracks_summary(tracked, out, refused), f"figures  {figures}", f"page     {page}"]
-    if tracked.rig.differing:
-        words = ["contactlearn", "diagnose", "data=table", f"data.path={out}", "data.correct=[rig]"]
-        lines.append(f"next: {shlex.join(words)}, for the table has the velocities as measured")
-    return "\n".join(lines)
+    words = ["contactlearn", "diagnose", "data=table", f"data.path={out}"]
+    if shape := source.options.get("shape"):  # which the table does not have
+        words.append(f"data.shape={yaml.safe_dump(shape, default_flow_style=True, width=10**9).strip()}")
+    words += ["data.correct=[rig]"] if tracked.rig.differing else []  # the table has the velocities as measured
+    return "\n".join([*lines, f"next: {shlex.join(words)}"])
 
 
 def find_recorded(source: SourceSettings) -> tracks.Tracked:
