@@ -382,7 +382,7 @@ def test_evaluation_reports_the_audit(tmp_path):
 def test_the_audit_alone(tmp_path):
     path = table.save(corrupt(synthetic.load(size=80), "mirrored_theta"), tmp_path / "own.csv")
     printed = run("contactlearn", "audit", str(path), ELLIPSE, status=1)
-    assert printed.startswith(f"{path}: 80 impacts\nwrong: θ and ω are positive clockwise: the moment balance")
+    assert printed.startswith(f"{path}: 80 impacts\nwrong: θ and ω are positive clockwise.\nevidence: I Δω")
     assert printed.endswith("\nto correct it: data.correct=[mirrored_theta] on any command\n")
     for mended in ("data.units.rotation=clockwise", "data.correct=[mirrored_theta]"):
         printed = run("contactlearn", "audit", ELLIPSE, str(path), mended)

@@ -264,9 +264,11 @@ def _help(config_name: str, overrides: list[str]) -> str:
         for name in names:
             line = f"  {name}: {told[name]}" if name in told else f"  {name}"
             parts.append(fill(line, _WIDTH - 1, subsequent_indent=" " * 6))
-    return Template(cfg.hydra.help.template).substitute(
-        APP_CONFIG_GROUPS="\n".join(parts), CONFIGS=_near(Path(CONFIGS)), DOCS=_documentation()
-    )
+    text = Template(cfg.hydra.help.template).substitute(APP_CONFIG_GROUPS="\n".join(parts))
+    places = {"the folder configs": _near(Path(CONFIGS)), "the folder docs": _documentation()}  # Hydra's own names none
+    for words, place in places.items():
+        text = text.replace(words, place)
+    return text
 
 
 def _near(folder: Path) -> str:

@@ -15,8 +15,9 @@ Child = Component | str
 
 def action_button(action: str, text: str, of: str = "", label: str = "", identity: str = "") -> Component:
     """Return a button that changes the session: its action, and the object of the action."""
-    named: dict[str, Any] = {"data-action": action, "data-of": of} | ({"aria-label": label} if label else {})
-    return html.Button(text, type="button", **named, **({"id": identity} if identity else {}))
+    known = {"data-action": action, "data-of": of, "aria-label": label or None, "id": identity or None}
+    named: dict[str, Any] = {name: value for name, value in known.items() if value is not None}
+    return html.Button(text, type="button", **named)
 
 
 def button(identity: str, text: str, hidden: bool = False) -> Component:

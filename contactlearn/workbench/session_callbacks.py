@@ -365,7 +365,7 @@ class SessionCallbacks:
     def findings(self, drawn: str | None, address: str | None) -> tuple[Any, Any, Any, Any]:
         """Show the findings of the audit, the corrections of the data, and their ranges as limits of a rig."""
         if not drawn:
-            return (no_update,) * 4
+            return no_update, no_update, no_update, no_update
         session = Session.read(address or "")
         impacts = self.models.split(session).impacts
         found = audit(impacts) if impacts.space is PLANE else ()

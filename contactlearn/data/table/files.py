@@ -217,7 +217,7 @@ def _stacked_sheets(path: Path, tables: Mapping[str, "DataFrame"]) -> Sheet | No
     names = [name for name, one in sheets.items() for _ in range(len(one))]
     columns = ((name, [cell for one in sheets.values() for cell in one.columns[name]]) for name in first.columns)
     word = "session" if are_outcomes(first.header) else "recording"
-    said = f"{len(sheets)} worksheets with one header, their names in the column {word!r}; save one as CSV to read it alone"
+    said = f"{len(sheets)} worksheets with one header, their names in the column {word!r}; save one as CSV for it alone"
     return replace(first, lines=None, read_as=()).with_columns([(word, names), *columns], said)
 
 

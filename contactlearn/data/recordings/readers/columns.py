@@ -279,13 +279,14 @@ def _recording(path: Path, name: str, table: pd.DataFrame, layout: Layout) -> Re
 
 
 def _once(table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
-    """The frames without those that repeat an earlier one in all columns, as a message that was written twice."""
+    """The frames without those that repeat the one before in all columns, as a message that was written twice."""
     if layout.time not in table.columns or not table[layout.time].duplicated().any():
         return table
     try:
-        return table[~table.duplicated()]
-    except TypeError:  # lists in cells cannot be compared
+        repeated = table.eq(table.shift()) | (table.isna() & table.shift().isna())
+    except (TypeError, ValueError):  # lists in cells cannot be compared
         return table
+    return table[~repeated.all(axis=1)]
 
 
 def _with_poses(table: pd.DataFrame, layout: Layout) -> pd.DataFrame:
