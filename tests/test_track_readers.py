@@ -226,7 +226,7 @@ BAD = {
     ),
     "text": ("time,x,y,theta\n0,1,2,3\n1,1,two,3\n", {}, ["row 2, column y", "must be a number", "'two'"]),
     "time runs back": ("time,x,y,theta\n0,1,2,3\n2,1,2,3\n1,1,2,3\n", {}, ["time must grow", "frame 3"]),
-    "time repeats": ("time,x,y,theta\n0,1,2,3\n0,1,2,3\n", {}, ["time must grow; it repeats"]),
+    "time repeats": ("time,x,y,theta\n0,1,2,3\n0,1,2,4\n", {}, ["time must grow; it repeats"]),
     "no time": ("x,y,theta\n1,2,3\n1,2,3\n", {}, ["no column 'time'", "data.rate"]),
     "one frame": ("time,x,y,theta\n0,1,2,3\n", {}, ["has 1 frames"]),
     "more cells": ("time,x,y,theta\n0,1,2,3\n1,2,3,4,5,6\n", {}, ["cannot be read"]),
