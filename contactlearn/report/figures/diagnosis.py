@@ -171,7 +171,7 @@ def error_bars(names: Sequence[str], errors: Sequence[Interval], colors: Any = _
     axes, halo = st.name_axes(figure.subplots(), ERROR), [withStroke(linewidth=3, foreground="white")]
     axes.barh(places, [x.mean for x in errors], color=colors, height=0.84)
     axes.hlines(places, [x.low for x in errors], [x.high for x in errors], color=st.DARK, linewidth=1.8)
-    for place, text in enumerate(told):
+    for place, text in zip(places, told, strict=True):
         axes.text(0, place - 0.48, text, va="bottom", path_effects=halo)
     last = places[-1] if places else 1
     axes.set(xlim=(0, 1.04 * max(x.high for x in errors) or 1), ylim=(last + 0.8, -0.6))
